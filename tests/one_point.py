@@ -4,10 +4,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vocc_torch.measure import runner
+from vocc_torch.measure import runner, sweep
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
-from vocc_torch.measure.sweep import Study, plain_job, points_of
 from vocc_torch.receiver.bank import ReceiverBank
 
 LEDS = 64
@@ -24,7 +23,8 @@ def banks(plan, fldas):
 
 def job_of(plan, of_locators, value):
     """What counts the blocks of a point."""
-    return plain_job(Study("", plan, tuple(of_locators)), of_locators, value, None)
+    banks = [(locator, bank, 0) for locator, bank in of_locators.items()]
+    return sweep.job_of(plan, banks, value)
 
 
 def run_point(
@@ -43,9 +43,7 @@ def sweep_point(plan, flda, value):
     rule = replace(plan.budget, frames=plan.frames_in_point)
     job = job_of(plan, banks(plan, {plan.receiver.locator: flda}), value)
     outcome = run_point(job, rule, batch_frames=plan.batch_frames)
-    return points_of(
-        plan, plan.receiver.locator, value, outcome.counts, outcome.stopped_by
-    )
+    return sweep.points_of(plan, value, outcome.counts, outcome.stopped_by)
 
 
 @dataclass(eq=False)

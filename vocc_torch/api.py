@@ -371,7 +371,7 @@ def measure(
         if store is not None:
             settings = {**identity(plan, (OWN,)), "receivers": digests(named)}
             opened = held.enter_context(Store.open(store, settings))
-        jobs = (
+        jobs = [
             runner.Job(
                 plan,
                 axes.model_at(world, value),
@@ -379,12 +379,11 @@ def measure(
                 Whole(named),
             )
             for value in axes.values
+        ]
+        counted = sweep.outcomes(
+            jobs, Workers(1), opened, lambda _, more, __: progress(more)
         )
-        points = (
-            runner.PointTask(job, plan.budget, opened, lambda more, _: progress(more))
-            for job in jobs
-        )
-        outcomes = dict(zip(axes.values, runner.count(points, Workers(1)), strict=True))
+        outcomes = dict(zip(axes.values, counted, strict=True))
     keys = {name: Key(OWN, name) for name in named}
     return Table(sweep.curves_of(experiment, axis, keys, outcomes))
 

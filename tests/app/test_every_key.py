@@ -22,9 +22,8 @@ from vocc_torch.measure.build import build_panel, build_plan, receiver_plan
 from vocc_torch.measure.config import ClassifierSettings, Experiment
 from vocc_torch.measure.plan import identity
 from vocc_torch.measure.schema import has_key, keys_of, whole
-from vocc_torch.measure.sweep import Study
+from vocc_torch.studies import run as study_run
 from vocc_torch.studies.compare import Severity, report
-from vocc_torch.studies.compare import run as compare_run
 from vocc_torch.studies.decode import decoder
 from vocc_torch.studies.export.run import identity_of
 
@@ -132,15 +131,15 @@ def learned(plan):
     }
 
 
-def counted(study):
+def counted(plan, locators=()):
     """What the counts of a study come from, and how far they go."""
-    trained = learned(study.plan)
+    locators = locators or (plan.receiver.locator,)
     return (
-        trained,
-        study.identity,
-        study.plan.budget,
-        study.plan.experiment.values,
-        study.locators,
+        learned(plan),
+        identity(plan, locators),
+        plan.budget,
+        plan.experiment.values,
+        locators,
     )
 
 
@@ -193,15 +192,12 @@ def spent(settings):
         )
     if task == "test":
         grid = plan.experiment.row_axis, plan.experiment.rows
-        return grid, [
-            counted(Study("", row, (row.receiver.locator,)))
-            for row in plan.rows().values()
-        ]
+        return grid, [counted(row) for row in plan.rows().values()]
     if task == "export":
         return identity_of(plan, settings.export), plan.world.device, plan.batch_frames
     if task == "figures":
         worlds = [learned(one.plan)["world"] for one in study.readings]
-        return study.names, [counted(one) for one in study.every_study()], worlds
+        return study.names, [counted(*one[1:]) for one in study.every_study], worlds
     if task == "effects":
         scene, names = (
             learned(study.plan_of(study.scene, "paper")),
@@ -223,10 +219,8 @@ def spent(settings):
         scenes = {
             name: identity(one, ["truth"]) for name, one in study.scene_plans.items()
         }
-        studies = [
-            Study("", one, (one.receiver.locator,)) for one in study.plans.values()
-        ]
-        return list(map(counted, studies)), scenes, study.config, study.home
+        studies = list(map(counted, study.plans.values()))
+        return studies, scenes, study.config, study.home
     return None
 
 
@@ -247,8 +241,10 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     source = inspect.getsource(getattr(place, run) if of_two else place)
     if task == "decode":
         source += inspect.getsource(decoder)
+    if "begin(settings" in source:
+        source += inspect.getsource(study_run)
     if "compare" in module:
-        source += inspect.getsource(compare_run) + inspect.getsource(report)
+        source += inspect.getsource(report)
     usual, silent, refused = spent(base), [], []
     brought = FROM_OTHERS.get(task, {})
     others = (

@@ -15,7 +15,7 @@ from sklearn.calibration import calibration_curve
 
 from vocc_torch import Scene, Simulator
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.kept_training import KeptTrainings
+from vocc_torch.measure.kept_training import find, keep
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.train import train, trained_receiver, training_key
 from vocc_torch.receiver.calibration import Calibration
@@ -135,21 +135,18 @@ def test_a_ledger_gives_back_what_was_trained(learned, tmp_path, monkeypatch):
         training, classifiers={"lmmse": training.classifiers["lmmse"]}, frames=31
     )
     with Store.open(tmp_path / "a.sqlite", {}) as ledger:
-        KeptTrainings([ledger]).keep(key, plan, replace(training, further=(more,)))
-    with (
-        Store.open(tmp_path / "a.sqlite", {}) as ledger,
-        Store.open(tmp_path / "b.sqlite", {}) as other,
-    ):
-        kept = KeptTrainings([other, ledger])
-        again = kept.find(key, plan)
-        assert kept.find(training_key(replace(plan, seed=1)), plan) is None
+        keep(ledger, key, plan, replace(training, further=(more,)))
+    with Store.open(tmp_path / "a.sqlite", {}) as ledger:
+        again = find(ledger, key, plan)
+        assert find(ledger, training_key(replace(plan, seed=1)), plan) is None
         # Whatever its network knows, this one comes back with other weights.
         net = training.classifiers["mlp"]
         monkeypatch.setattr(
             type(net.classifier), "load_state_dict", lambda self, state: None
         )
-        kept.keep(key, plan, replace(training, classifiers={"mlp": net}))
-        assert other.trained(key) is None
+        changed = f"{key} changed"
+        keep(ledger, changed, plan, replace(training, classifiers={"mlp": net}))
+        assert ledger.trained(changed) is None
     drawn = torch.Generator().manual_seed(7)
     for one, back in ((training, again), (more, again.further[0])):
         assert (one.frames, one.missed, one.costs) == (
@@ -189,13 +186,12 @@ def test_a_training_that_a_ledger_only_claims_is_trained_again(learned):
             return self.content
 
     store = Forged()
-    kept = KeptTrainings([store])
-    kept.keep(key, plan, training)
-    assert kept.find(key, plan)
+    keep(store, key, plan, training)
+    assert find(store, key, plan)
     known = store.content
     for forged in (*(known | changes for changes in CLAIMS.values()), {}):
         store.content = forged
-        assert kept.find(key, plan) is None
+        assert find(store, key, plan) is None
 
 
 @pytest.mark.parametrize("count", [16, pytest.param(1000, marks=pytest.mark.slow)])

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 from composing import composed
-from one_point import banks
+from one_point import banks, job_of
 
 from vocc_torch import plugins
 from vocc_torch.errors import VoccError
@@ -21,7 +21,7 @@ from vocc_torch.measure import executors
 from vocc_torch.measure.executors import WorkerPool, Workers, about_run, called
 from vocc_torch.measure.plan import Experiment, resolve_device
 from vocc_torch.measure.store import Store
-from vocc_torch.measure.sweep import Study, measured, run_studies
+from vocc_torch.measure.sweep import curves_at, outcomes
 from vocc_torch.measure.train import train
 from vocc_torch.simulation import Distribution
 
@@ -46,22 +46,27 @@ def sweeps(make_plan):
         batch_frames=16,
     )
     fldas = {name: train(stopping.locating_with(name)).flda for name in LOCATORS}
-    studies = [
-        Study(plan.experiment.name, plan, LOCATORS) for plan in (stopping, spending)
+    plans = stopping, spending
+    return [
+        (value, job_of(plan, banks(plan, fldas), value))
+        for plan in plans
+        for value in plan.experiment.values
     ]
-    return studies, {study.key: banks(study.plan, fldas) for study in studies}
 
 
 def results(sweeps, workers, progress=lambda *_: None, store=None):
-    """What each experiment came to, by its name."""
-    studies, of_studies = sweeps
-    outcomes = {study.key: {} for study in studies}
-    stores = {} if store is None else dict.fromkeys(outcomes, store)
-    for study, value, outcome in run_studies(
-        studies, of_studies, stores, workers, progress
+    """What each experiment came to with each locator, by its name."""
+    values, jobs = zip(*sweeps, strict=True)
+    found = {job.plan.experiment.name: {} for job in jobs}
+    for value, job, outcome in zip(
+        values, jobs, outcomes(jobs, workers, store, progress), strict=True
     ):
-        outcomes[study.key][value] = outcome
-    return {study.key: measured(study, outcomes[study.key]) for study in studies}
+        found[job.plan.experiment.name][value] = outcome
+    plans = {job.plan.experiment.name: job.plan for job in jobs}
+    return {
+        name: {of: curves_at(plan, of, found[name]) for of in LOCATORS}
+        for name, plan in plans.items()
+    }
 
 
 IS_DEAF = (
@@ -84,8 +89,8 @@ def story(sweeps, tmp_path_factory):
     """One start of two processes serves all that is asked of them; the last thing ends them."""
     path, told = tmp_path_factory.mktemp("workers") / "ledger", []
 
-    def tell(study, value, frames, _):
-        told.append((study.key, value, frames))
+    def tell(job, frames, _):
+        told.append((job.point, frames))
 
     with pytest.MonkeyPatch.context() as patch, Workers(2) as workers:
         patch.setenv("OMP_NUM_THREADS", "2")
@@ -126,20 +131,15 @@ def test_two_processes_measure_what_one_measures(sweeps, story):
         alone = results(
             sweeps,
             workers,
-            lambda sweep, value, frames, _: told.append((value, frames)),
+            lambda job, frames, _: told.append((job.point, frames)),
         )
     assert story.results == alone
     assert set(alone["stopping"]["truth"].stopped_by.values()) == {"frame_errors"}
     assert set(alone["spending"]["paper"].stopped_by.values()) == {"frames"}
     # Blocks come in their order within a point, whatever happens between the points.
-    for name, value in (
-        ("stopping", 60.0),
-        ("stopping", 66.0),
-        ("spending", 50.0),
-        ("spending", 70.0),
-    ):
-        mine = [frames for at, on, frames in story.told if (at, on) == (name, value)]
-        assert mine == [frames for on, frames in told if on == value]
+    for _, job in sweeps:
+        mine = [frames for point, frames in story.told if point == job.point]
+        assert mine == [frames for point, frames in told if point == job.point]
 
 
 def test_each_process_has_one_thread_takes_tensors_whole_and_never_hears_ctrl_c(story):

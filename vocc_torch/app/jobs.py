@@ -111,7 +111,7 @@ def begin_again(folder: Path) -> bool:
     if not inside_runs(folder):
         return not names
     attempted = FAILED in names and names <= {FAILED, CONFIG}
-    resumable = bool({"ledger.sqlite", "ledgers"} & names)
+    resumable = "ledger.sqlite" in names
     if attempted:
         (folder / CONFIG).unlink(missing_ok=True)
     if attempted or resumable:

@@ -4,7 +4,7 @@ They stand under a key of all that training depends on, as numbers, texts and ar
 executed: a classifier is built from the plan of the run that goes on, and takes up what it had learned.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from typing import Any
@@ -13,9 +13,11 @@ import torch
 
 from vocc_torch.boundary import demand_fields
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.plan import ClassifierPlan, Plan, resolve_device
 from vocc_torch.measure.store import Store, canonical
-from vocc_torch.measure.train import Making, Training, training_key
+from vocc_torch.measure.train import Making, Training, train_part, training_key
+from vocc_torch.receiver.bank import FLDA_FEATURES
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.model_file import MOST_BYTES, array_of, arrays_as_json
@@ -32,53 +34,90 @@ _NOT_KEPT = (
 """What a classifier raises that cannot say what it learned, or cannot take it up."""
 
 
-class KeptTrainings:
-    """What was trained, in the stores of a run.
+def find(store: Store, key: str, plan: Plan) -> Training | None:
+    """Give the trained receivers that stand in a ledger, or None where they must be trained.
 
     Args:
-        stores: the first takes what is new, all are asked for what is known; none keeps nothing.
+        store: the ledger.
+        key: of :func:`vocc_torch.measure.train.training_key`.
+        plan: what they are trained for.
     """
+    content = store.trained(key)
+    with suppress(*_NOT_KEPT):
+        return None if content is None else _unpacked(content, plan)
+    return None
 
-    def __init__(self, stores: Iterable[Store]) -> None:
-        self._stores = tuple(stores)
 
-    def find(self, key: str, plan: Plan) -> Training | None:
-        """Give the trained receivers that stand under a key, or None where they must be trained.
+def keep(store: Store, key: str, plan: Plan, training: Training) -> None:
+    """Save trained receivers. A receiver that cannot be saved is trained again on resume.
 
-        Args:
-            key: of :func:`vocc_torch.measure.train.training_key`.
-            plan: what they are trained for.
-        """
-        for content in (store.trained(key) for store in self._stores):
-            with suppress(*_NOT_KEPT):
-                if content is not None:
-                    return _unpacked(content, plan)
-        return None
+    Raises:
+        VoccError: the ledger cannot be written.
+    """
+    content = ""
+    with suppress(*_NOT_KEPT):
+        packed = _packed(training)
+        if _alike(training, _unpacked(packed, plan), plan):
+            content = canonical(packed)
+    if 0 < len(content) <= MOST_BYTES:
+        store.add_trained(key, content)
 
-    def keep(self, key: str, plan: Plan, training: Training) -> None:
-        """Save trained receivers. A receiver that cannot be saved is trained again on resume.
 
-        Raises:
-            VoccError: the ledger cannot be written.
-        """
-        content = ""
-        with suppress(*_NOT_KEPT):
-            packed = _packed(training)
-            if _alike(training, _unpacked(packed, plan), plan):
-                content = canonical(packed)
-        for store in self._stores[:1] if 0 < len(content) <= MOST_BYTES else ():
-            store.add_trained(key, content)
+def train_plans(
+    plans: Sequence[Plan],
+    workers: Workers,
+    store: Store,
+    progress: Callable[[], None] = lambda: None,
+) -> list[Training]:
+    """Train every plan with its own locator, each receiver by itself on one thread.
 
-    def or_trained(
-        self, plan: Plan, train: Callable[[], Training]
-    ) -> tuple[Training, bool]:
-        """Return a plan's trained receivers and whether they were saved before; otherwise train and save them."""
-        key = training_key(plan)
-        if (stored := self.find(key, plan)) is not None:
-            return stored, True
-        trained = train()
-        self.keep(key, plan, trained)
-        return trained, False
+    So many train at the same time and each has a price. Receivers that train alike are trained once.
+
+    Args:
+        plans: the studies.
+        workers: who does it; here too on one thread.
+        store: has what was trained before, and keeps what is trained now.
+        progress: called for each receiver that is trained, or was.
+
+    Returns:
+        The training of each plan. ``making`` says what each receiver took.
+
+    Raises:
+        VoccError: as :func:`train`, or a worker that was ended from outside.
+    """
+    parts: dict[str, Plan] = {}
+    parts_of_plans = []
+    for plan in plans:
+        # A part need not have the receiver that is kept.
+        receiver = replace(plan.receiver, save="flda_3")
+        alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
+        alone += [
+            replace(receiver, names=(classifier.name,), classifiers=(classifier,))
+            for classifier in receiver.classifiers
+        ]
+        split = (replace(plan, receiver=part) for part in alone)
+        parts_of_plans.append({training_key(part): part for part in split})
+        parts |= parts_of_plans[-1]
+    trained: dict[str, Training] = {}
+    for key, part in parts.items():
+        if (stored := find(store, key, part)) is not None:
+            trained[key] = stored
+            progress()
+    # The longest training begins first.
+    missing = [key for key in parts if key not in trained]
+    longest = sorted(missing, key=lambda key: -_panels(parts[key]))
+    calls = {key: workers.submit(train_part, parts[key]) for key in longest}
+    for key, call in calls.items():
+        trained[key] = call.result()
+        progress()
+        keep(store, key, parts[key], trained[key])
+    return [Training.joined([trained[key] for key in keys]) for keys in parts_of_plans]
+
+
+def _panels(plan: Plan) -> int:
+    """Count the panels that a plan's classifiers learn from."""
+    recipes = plan.receiver.classifiers
+    return sum(recipe.frames or recipe.training.frames for recipe in recipes)
 
 
 def _alike(first: Training, other: Training, plan: Plan) -> bool:

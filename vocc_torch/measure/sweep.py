@@ -1,197 +1,88 @@
-"""Measure bit error rates along the axes of one or many experiments, with a store for each.
-
-Every receiver decides on the same frames, with one or more locators, and every two receivers are compared.
-"""
+"""Points along the axes of experiments: their names, scenes, jobs and results."""
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Literal, TypeAlias
 
 import torch
 
-from vocc_torch.measure import curve, runner, train
+from vocc_torch.measure import curve, runner
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
-from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
-from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
+from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.trainings import Trained
 from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.simulation import SceneModel
 
-Banks: TypeAlias = Mapping[Locator, ReceiverBank]
-"""Receivers, trained with each of some locators."""
+NumberedBank: TypeAlias = tuple[Locator, ReceiverBank, int]
+"""Receivers, the locator that they are trained with, and the number of their training."""
+
+Progress = Callable[[runner.Job, int, runner.Tallies], object]
+"""Called for each block as it is added: its job, its frames, and the sums so far."""
+
+Prepare = Callable[[runner.Job, Workers], runner.Job]
+"""Changes what counts a point, just before its turn comes."""
 
 
-@dataclass(frozen=True)
-class Study:
-    """One experiment that is to be measured.
-
-    Args:
-        key: its name among others, fit for a file's name.
-        plan: what is measured.
-        locators: names of the locators, all run on the same frames.
-    """
-
-    key: str
-    plan: Plan
-    locators: tuple[Locator, ...]
-
-    @property
-    def frames(self) -> int:
-        """Test frames that it takes at most."""
-        return self.plan.frames_in_point * len(monte_carlo_values(self.plan))
-
-    @property
-    def identity(self) -> dict[str, object]:
-        """What its numbers depend on."""
-        return identity(self.plan, self.locators)
-
-
-Measured: TypeAlias = Mapping[Locator, curve.Curves]
-"""The curves of a study by locator, all on the same frames."""
-
-
-@dataclass(frozen=True)
-class Campaign:
-    """What came of many studies, by the study's key.
+def job_of(
+    plan: Plan, banks: Sequence[NumberedBank], value: float | None = None
+) -> runner.Job:
+    """Give what counts a point: every receiver after each training, on the same frames.
 
     Args:
-        measured: what was measured.
-        trainings: the trained receivers, by the locator's name.
+        plan: the study.
+        banks: the receivers.
+        value: the axis value, without meaning for ``contrast``; None for the scenes as they are.
     """
+    experiment = plan.experiment
+    point, model = experiment.name, experiment.training_model(plan.world)
+    if value is not None:
+        point = point_name(experiment, value)
+        model = experiment.model_at(plan.world, value)
+    sorter = partial(group_of, experiment)
+    return runner.Job(plan, model, point, runner.Banks(banks), sorter)
 
-    measured: Mapping[str, Measured]
-    trainings: Mapping[str, Mapping[Locator, train.Training]]
 
-
-def run_campaign(
-    studies: Sequence[Study],
+def outcomes(
+    jobs: Sequence[runner.Job],
     workers: Workers,
-    stores: Mapping[str, Store],
-    *,
-    advance: Callable[[Study, int], None] = lambda study, frames: None,
-    finished: Callable[[Study, Measured], None] = lambda study, measured: None,
-) -> Campaign:
-    """Train for every study and measure it, in order; studies that train on the same scenes share them.
+    store: Store | None = None,
+    progress: Progress = lambda job, frames, tallies: None,
+    prepare: Prepare = lambda job, workers: job,
+) -> Iterator[runner.Outcome]:
+    """Count jobs one after the other, each until the budget of its plan is spent.
 
     Args:
-        studies: the studies, of different keys.
+        jobs: in order, at least one.
         workers: who does it.
-        stores: of every study, by its key.
-        advance: called for each block as it is added, with its frames.
-        finished: called with each study when its last point is there.
-
-    Raises:
-        VoccError: a store that cannot be used, no panel in any training frame, or a worker that was ended
-            from outside.
-    """
-    plans = [
-        study.plan.locating_with(locator)
-        for study in studies
-        for locator in study.locators
-    ]
-    every = iter(train.train_plans(plans, workers, KeptTrainings(stores.values())))
-    trainings = {
-        study.key: dict(zip(study.locators, every, strict=False)) for study in studies
-    }
-    banks = {
-        study.key: {
-            locator: training.bank(study.plan.receiver.names)
-            for locator, training in trainings[study.key].items()
-        }
-        for study in studies
-    }
-
-    def progress(study: Study, _: float, frames: int, __: runner.Tallies) -> None:
-        advance(study, frames)
-
-    points, results = run_studies(studies, banks, stores, workers, progress), {}
-    for study in studies:
-        outcomes = itertools.islice(points, len(monte_carlo_values(study.plan)))
-        results[study.key] = measured(
-            study, {value: outcome for _, value, outcome in outcomes}
-        )
-        finished(study, results[study.key])
-    return Campaign(results, trainings)
-
-
-Progress = Callable[[Study, float, int, runner.Tallies], None]
-"""Called with the study, the point's value, frames since the last call, and the sums so far."""
-
-Prepare = Callable[[Study, Banks, float, Workers], runner.Job]
-"""Gives what counts a study's point."""
-
-
-def plain_job(study: Study, banks: Banks, value: float, _: Workers) -> runner.Job:
-    """Give what counts a point of a study: every receiver after each training, on the same frames.
-
-    Args:
-        study: the study.
-        banks: the receivers, trained with each of the locators, by the locator.
-        value: the axis value; without meaning for ``contrast``.
-    """
-    plan = study.plan
-    every = [
-        (locator, bank, number)
-        for locator, first in banks.items()
-        for number, bank in enumerate((first, *first.more))
-    ]
-    experiment, receivers = plan.experiment, runner.Banks(every)
-    model, point = experiment.model_at(plan.world, value), point_name(experiment, value)
-    return runner.Job(plan, model, point, receivers, partial(group_of, experiment))
-
-
-def run_studies(
-    studies: Sequence[Study],
-    banks: Mapping[str, Banks],
-    stores: Mapping[str, Store],
-    workers: Workers,
-    progress: Progress = lambda study, value, frames, tallies: None,
-    prepare: Prepare = plain_job,
-) -> Iterator[tuple[Study, float, runner.Outcome]]:
-    """Measure the points of many studies, one after the other.
-
-    Args:
-        studies: the studies, in order.
-        banks: the receivers, trained with each of the locators, by the study's key.
-        stores: where blocks are recorded, by the study's key; none for a study that is not there.
-        workers: who does it.
+        store: where blocks are recorded; None records none.
         progress: called for each block as it is added.
-        prepare: gives what counts a point.
+        prepare: changes a job just before its turn.
 
     Yields:
-        Each point once it is finished: its study, its value and its outcome.
+        The outcome of each job.
 
     Raises:
         VoccError: a store that cannot be written, or a worker that was ended from outside.
     """
-    places = [
-        (study, value) for study in studies for value in monte_carlo_values(study.plan)
-    ]
-
-    def points() -> Iterator[runner.PointTask]:
-        for study, value in places:
+    points = (
+        runner.PointTask(
+            prepare(job, workers),
             # Those of all bins.
-            rule = replace(study.plan.budget, frames=study.plan.frames_in_point)
-            job = prepare(study, banks[study.key], value, workers)
-            yield runner.PointTask(
-                job, rule, stores.get(study.key), partial(progress, study, value)
-            )
-
-    batch_frames = max(
-        (study.plan.batch_frames for study in studies), default=BLOCK_FRAMES
+            replace(job.plan.budget, frames=job.plan.frames_in_point),
+            store,
+            partial(progress, job),
+        )
+        for job in jobs
     )
-    for place, outcome in zip(
-        places, runner.count(points(), workers, batch_frames), strict=True
-    ):
-        yield *place, outcome
+    batch_frames = max(job.plan.batch_frames for job in jobs)
+    return runner.count(points, workers, batch_frames)
 
 
 def group_of(experiment: Experiment, link: Link, seen: Observation) -> torch.Tensor:
@@ -255,38 +146,36 @@ def scenes_of(plan: Plan, kind: Kind) -> dict[str, SceneModel]:
 
 
 def points_of(
-    plan: Plan, locator: Locator, value: float, tallies: runner.Tallies, stopped_by: str
+    plan: Plan, value: float, tallies: runner.Tallies, stopped_by: str
 ) -> list[curve.Point]:
-    """Name one locator's sums by receiver and by axis value, or by the middle of their contrast bin."""
+    """Name the first training's sums by receiver and by axis value, or by the middle of their contrast bin."""
     values, experiment = axis_values(plan.experiment), plan.experiment
     found = []
     for (key, group), counts in tallies.items():
-        if key.locator == locator and key.training == 0:
+        if key.training == 0:
             at = values[group] if experiment.axis == "contrast" else value
-            place = experiment.name, experiment.axis, at, key.receiver, locator
+            place = experiment.name, experiment.axis, at, key.receiver, key.locator
             found.append(curve.Point(*place, counts, stopped_by))
     return found
 
 
-def measured(study: Study, outcomes: Mapping[float, runner.Outcome]) -> Measured:
-    """Put a study's outcomes together.
+def curves_at(
+    plan: Plan, locator: Locator, outcomes: Mapping[float, runner.Outcome]
+) -> curve.Curves:
+    """Put the outcomes of a plan's points with one of their locators together.
 
     Args:
-        study: the study.
+        plan: the study.
+        locator: its name.
         outcomes: by the value that was simulated.
     """
-    experiment, names = study.plan.experiment, study.plan.receiver.names
+    experiment = plan.experiment
     if experiment.axis == "contrast":
         # One outcome holds the groups of all values.
         values, (sorted_outcome,) = axis_values(experiment), outcomes.values()
         outcomes = {values[group]: part for group, part in sorted_outcome.by_group()}
-    place = experiment.name, experiment.axis
-    return {
-        locator: curves_of(
-            *place, {name: Key(locator, name) for name in names}, outcomes
-        )
-        for locator in study.locators
-    }
+    keys = {name: Key(locator, name) for name in plan.receiver.names}
+    return curves_of(experiment.name, experiment.axis, keys, outcomes)
 
 
 def curves_of(

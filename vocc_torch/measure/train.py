@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -14,7 +14,6 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import timing
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan, identity, resolve_device
 from vocc_torch.measure.store import canonical
@@ -35,9 +34,6 @@ CALIBRATION_FRAMES = 512
 
 FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
-
-if TYPE_CHECKING:
-    from vocc_torch.measure.kept_training import KeptTrainings
 
 Progress = Callable[[int], object]
 _N_FEATURES = len(FLDA_FEATURES["flda_3"])
@@ -188,63 +184,6 @@ def training_key(plan: Plan) -> str:
     receiver = replace(plan.receiver, save="flda_3")
     settings = identity(replace(plan, receiver=receiver), [receiver.locator])
     return canonical({**settings, "experiment": settings["experiment"]["training"]})
-
-
-def train_plans(
-    plans: Sequence[Plan],
-    workers: Workers,
-    known: "KeptTrainings",
-    progress: Progress = lambda frames: None,
-) -> list[Training]:
-    """Train every plan with its own locator, each receiver by itself on one thread.
-
-    So many train at the same time and each has a price. Receivers that train alike are trained once.
-
-    Args:
-        plans: the studies.
-        workers: who does it; here too on one thread.
-        known: what was trained before, and where it is kept.
-        progress: called with the training frames of each receiver that is trained, or was.
-
-    Returns:
-        The training of each plan. ``making`` says what each receiver took.
-
-    Raises:
-        VoccError: as :func:`train`, or a worker that was ended from outside.
-    """
-    parts: dict[str, Plan] = {}
-    parts_of_plans = []
-    for plan in plans:
-        # A part need not have the receiver that is kept.
-        receiver = replace(plan.receiver, save="flda_3")
-        alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
-        alone += [
-            replace(receiver, names=(classifier.name,), classifiers=(classifier,))
-            for classifier in receiver.classifiers
-        ]
-        split = (replace(plan, receiver=part) for part in alone)
-        parts_of_plans.append({training_key(part): part for part in split})
-        parts |= parts_of_plans[-1]
-    trained: dict[str, Training] = {}
-    for key, part in parts.items():
-        if (stored := known.find(key, part)) is not None:
-            trained[key] = stored
-            progress(part.budget.training_frames)
-    # The longest training begins first.
-    missing = [key for key in parts if key not in trained]
-    longest = sorted(missing, key=lambda key: -_panels(parts[key]))
-    calls = {key: workers.submit(train_part, parts[key]) for key in longest}
-    for key, call in calls.items():
-        trained[key] = call.result()
-        progress(parts[key].budget.training_frames)
-        known.keep(key, parts[key], trained[key])
-    return [Training.joined([trained[key] for key in keys]) for keys in parts_of_plans]
-
-
-def _panels(plan: Plan) -> int:
-    """Count the panels that a plan's classifiers learn from."""
-    recipes = plan.receiver.classifiers
-    return sum(recipe.frames or recipe.training.frames for recipe in recipes)
 
 
 def train_part(plan: Plan) -> Training:

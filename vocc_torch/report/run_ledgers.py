@@ -1,8 +1,8 @@
-"""A run's ledgers and its trained receiver: opened, gone on with, and written."""
+"""A run's ledger and its trained receiver: opened, gone on with, and written."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rich.console import Console
@@ -12,11 +12,7 @@ from vocc_torch.files import UNFINISHED
 from vocc_torch.measure import config, train
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import SUFFIX, Store
-from vocc_torch.measure.sweep import Study
 from vocc_torch.report.folder import CONFIG, MANIFEST, SAMPLES, say, write_config
-
-LEDGERS = "ledgers"
-"""Folder of the ledgers of a run with many."""
 
 CHANGE_NO_RESULT = ("device", "workers", "executor", "tensorboard", "batch_frames")
 """Settings, or sections of them, with any values of which the results are the same."""
@@ -42,24 +38,10 @@ def open_ledger(
             )
         try:
             yield ledger
-        except BaseException:
+        finally:
             if begun and not len(ledger):
                 with suppress(OSError):
                     path.unlink()
-                    path.parent.rmdir()  # a folder of ledgers that is empty now
-            raise
-
-
-def open_ledgers(
-    stack: ExitStack, folder: Path, studies: Iterable[Study], console: Console
-) -> dict[str, Store]:
-    """Open the ledgers of many studies in a run's folder, by the study's key; ``stack`` closes them."""
-    ledgers = {}
-    for study in studies:
-        path = folder / LEDGERS / f"{study.key}{SUFFIX}"
-        opened = open_ledger(path, study.identity, console)
-        ledgers[study.key] = stack.enter_context(opened)
-    return ledgers
 
 
 @contextmanager

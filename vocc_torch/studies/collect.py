@@ -24,7 +24,7 @@ INTO_INPUT = "collect"
 Status = Literal["done", "failed", "unfinished", "unreadable"]
 
 TABLE, FAILED = "ber.csv", "failed.txt"
-LEFT = {TABLE, FAILED, run_folder.LEDGER, run_ledgers.LEDGERS}
+LEFT = {TABLE, FAILED, run_folder.LEDGER}
 """What a job leaves in its folder; a ledger alone is a job that was interrupted."""
 _REPORT = "report.md"
 """What a task with ledgers leaves that is not about curves."""

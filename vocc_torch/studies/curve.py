@@ -1,8 +1,7 @@
 """``task=train``, and ``task=test``: bit error rates along an axis or on a grid, and their report."""
 
-import itertools
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,14 +13,12 @@ from vocc_torch.measure import (
     build,
     config,
     curve,
-    executors,
     grid,
     runner,
     sweep,
     timing,
     train,
 )
-from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.plugins import PlugIn
@@ -42,25 +39,19 @@ from vocc_torch.report import (
 from vocc_torch.report.annotation import annotated, enlarged
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.scene import SCENE_FIELDS
-
-
-def begun(
-    settings: config.Settings, folder: Path, kept: str | None = None
-) -> tuple[Plan, terminal.Console]:
-    """Give a run's plan and console, or refuse it before any work is done; ``kept`` may be in the folder."""
-    run_folder.refuse_results(folder, kept)
-    return build.build_plan(settings, folder), terminal.Console()
+from vocc_torch.studies.run import begin, cases_of
 
 
 def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
-    plan, console = begun(settings, folder)
+    run_folder.refuse_results(folder)
+    plan, console = build.build_plan(settings, folder), terminal.Console()
     with run_ledgers.resumable(settings, folder, console):
         samples.write_samples(folder, plan, ["train"])
         run_ledgers.write_training(
             settings, plan, terminal.train_shown(plan, console), folder
         )
-    console.print(kept(plan), highlight=False, soft_wrap=True)
+    run_folder.say(console, kept(plan))
     run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
 
 
@@ -72,105 +63,79 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     Raises:
         VoccError: values that TensorBoard cannot tell apart, or whatever a stage refuses.
     """
-    is_grid = settings.experiment.row_axis is not None
-    ledgers = run_ledgers.LEDGERS if is_grid else run_folder.LEDGER
-    plan, console = begun(settings, folder, ledgers)
-    prepare = sweep.plain_job
+    run_folder.refuse_results(folder, run_folder.LEDGER)
+    plan, console = build.build_plan(settings, folder), terminal.Console()
+    is_grid = plan.experiment.row_axis is not None
+    drawing: dict[str, sweep.Prepare] = {}
     if target := plan.budget.sampling:
-        prepare = PlugIn.of("budget.sampling", target).made
-    # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
-    pool = executors.Workers.of(settings)
-    for line in strangers(plan):
-        console.print(line, highlight=False, soft_wrap=True)
+        drawing["prepare"] = PlugIn.of("budget.sampling", target).made
+    run_folder.say(console, *strangers(plan))
     if settings.tensorboard:
         demand_steps(plan.experiment)
-    locator = plan.receiver.locator
-    studies = [
-        sweep.Study(f"{at:g}", row, (locator,)) for at, row in plan.rows().items()
-    ]
-    with (
-        run_ledgers.resumable(settings, folder, console),
-        # Held to the end: a second run would write over the same results.
-        ExitStack() as ledgers_open,
-        pool,
-        timing.threads(1),
-    ):
-        if is_grid:
-            opened = run_ledgers.open_ledgers(ledgers_open, folder, studies, console)
-        else:
-            path, (study,) = folder / run_folder.LEDGER, studies
-            ledger = run_ledgers.open_ledger(path, study.identity, console)
-            opened = {study.key: ledgers_open.enter_context(ledger)}
-        run_folder.write_config(settings, folder)
+    # Held to the end: a second run would write over the same results.
+    with begin(settings, folder, plan) as run, run.pool, timing.threads(1):
         samples.write_samples(folder, plan)
-        training, known = KeptTrainings(opened.values()).or_trained(
-            plan, lambda: terminal.train_shown(plan, console)
-        )
-        if known:
-            console.print(
-                "resuming: the receivers are trained already", highlight=False
-            )
-        bank = training.bank(plan.receiver.names)
-        banks = {study.key: {locator: bank} for study in studies}
-        views = {study.key: view_of(study.plan, console) for study in studies}
+        training = run.train_here(plan, lambda: terminal.train_shown(plan, console))
+        rows = list(plan.rows().values())
+        views = [view_of(row, console) for row in rows]
+        jobs, places = list[runner.Job](), {}
+        for row, view in zip(rows, views, strict=True):
+            for case in cases_of(row, [plan]):
+                jobs.append(job := run.job(case))
+                places[job.point] = row, view, case.value or 0.0
 
-        def show(
-            study: sweep.Study, at: float, frames: int, tallies: runner.Tallies
-        ) -> None:
-            view = views[study.key]
+        def show(job: runner.Job, frames: int, tallies: runner.Tallies) -> None:
+            row, view, at = places[job.point]
             view.count(frames)
-            points = sweep.points_of(study.plan, locator, at, tallies, "interrupted")
-            view.show(points)
+            view.show(sweep.points_of(row, at, tallies, "interrupted"))
 
-        points = sweep.run_studies(studies, banks, opened, pool, show, prepare)
+        outcomes = sweep.outcomes(jobs, run.pool, run.store, show, **drawing)
         table = None if is_grid else folder / "ber.csv"
         curves = [
-            watched_curve(study, points, views[study.key], table) for study in studies
+            watched_curve(row, outcomes, view, table)
+            for row, view in zip(rows, views, strict=True)
         ]
         figures = write_results(settings, plan, training, curves, folder)
     for measured in curves:
         if is_grid:
-            console.print(f"\n{measured.experiment}", highlight=False)
+            run_folder.say(console, f"\n{measured.experiment}")
         terminal.print_table(measured.table(), console)
         notes = (
             *left_out(plan, measured),
             *location_note(measured),
             *compared(measured, plan.receiver.reference),
         )
-        for line in notes:
-            console.print(line, soft_wrap=True, highlight=False)
-    console.print(kept(plan), highlight=False, soft_wrap=True)
-    places = [("table", "ber.csv"), ("pairs", "paired.csv")]
-    places += [("figure", f"{name}.png") for name in figures]
-    places.append(("receiver", "receiver.pt"))
-    run_folder.print_places(console, folder, places, settings.tensorboard)
+        run_folder.say(console, *notes)
+    run_folder.say(console, kept(plan))
+    written = [("table", "ber.csv"), ("pairs", "paired.csv")]
+    written += [("figure", f"{name}.png") for name in figures]
+    written.append(("receiver", "receiver.pt"))
+    run_folder.print_places(console, folder, written, settings.tensorboard)
 
 
 def watched_curve(
-    study: sweep.Study,
-    points: Iterator[tuple[sweep.Study, float, runner.Outcome]],
+    plan: Plan,
+    outcomes: Iterator[runner.Outcome],
     view: terminal.StudyView,
     table: Path | None,
 ) -> curve.Curves:
-    """Take a study's points as they are finished, and show them.
+    """Take a curve's points as they are finished, and show them.
 
     Args:
-        study: with one locator.
-        points: its own come next.
+        plan: of the curve.
+        outcomes: its own come next.
         view: shows them.
         table: where they are kept when Ctrl-C ends the run, or None.
 
     Raises:
         VoccError: no frame in any contrast bin.
     """
-    (locator,), outcomes = study.locators, dict[float, runner.Outcome]()
-    values = sweep.monte_carlo_values(study.plan)
+    found = dict[float, runner.Outcome]()
     with view, interrupted_keeps(table, view):
-        for _, at, done in itertools.islice(points, len(values)):
-            outcomes[at] = done
-            counted = done.counts, done.stopped_by
-            view.finish(sweep.points_of(study.plan, locator, at, *counted))
-    curves = sweep.measured(study, outcomes)[locator]
+        for at in sweep.monte_carlo_values(plan):
+            done = found[at] = next(outcomes)
+            view.finish(sweep.points_of(plan, at, done.counts, done.stopped_by))
+    curves = sweep.curves_at(plan, plan.receiver.locator, found)
     if not curves.values:
         fault = "no frame fell into any contrast bin: widen the bins or the scenes"
         raise VoccError(f"experiment.values: {fault}")

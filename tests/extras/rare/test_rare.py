@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_point import banks
+from one_point import banks, job_of
 from scipy import stats
 
 from vocc_torch.extras.rare import guess, pilot
@@ -16,7 +16,7 @@ from vocc_torch.measure.intervals import (
     ber_interval,
 )
 from vocc_torch.measure.plan import Experiment
-from vocc_torch.measure.sweep import Study, measured, plain_job, run_studies
+from vocc_torch.measure.sweep import curves_at, outcomes
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, SceneModel
 from vocc_torch.types import PanelShape
@@ -135,23 +135,18 @@ def study(make_plan):
         {"distance_m": Distribution("uniform", (55.0, 60.0))},
     )
     plan = make_plan(experiment=dusk, names=("flda_2", "flda_3"), frames=640)
-    return Study(
-        "dusk", replace(plan, budget=replace(plan.budget, sampling="rare")), ("truth",)
-    )
+    return replace(plan, budget=replace(plan.budget, sampling="rare"))
 
 
 def rates(study, trained, workers=1, ledger=None, **changes):
     """What a point came to."""
-    plan = replace(study.plan, **changes)
-    own = {study.key: banks(plan, {"truth": trained})}
-    ledgers = {} if ledger is None else {study.key: ledger}
-    prepare = pilot.weighed_job if plan.budget.sampling else plain_job
+    plan = replace(study, **changes)
+    job = job_of(plan, banks(plan, {"truth": trained}), 1000.0)
+    drawing = {"prepare": pilot.weighed_job} if plan.budget.sampling else {}
     with Workers(workers) as pool, pytest.MonkeyPatch.context() as patch:
         patch.setattr(pilot, "LEVEL_BLOCKS", (3, 3))
-        ((_, value, outcome),) = run_studies(
-            [replace(study, plan=plan)], own, ledgers, pool, prepare=prepare
-        )
-    return measured(study, {value: outcome})["truth"]
+        (outcome,) = outcomes([job], pool, ledger, **drawing)
+    return curves_at(plan, "truth", {1000.0: outcome})
 
 
 @pytest.fixture(scope="module")
@@ -161,9 +156,9 @@ def rare_curves(study, trained):
 
 def test_tilted_frames_give_the_rates_that_counting_gives(study, trained, rare_curves):
     plain = rates(
-        study, trained, budget=replace(study.plan.budget, sampling=None, frames=1280)
+        study, trained, budget=replace(study.budget, sampling=None, frames=1280)
     )
-    for name in study.plan.receiver.names:
+    for name in study.receiver.names:
         few, many = rare_curves.counts[name, 1000.0], plain.counts[name, 1000.0]
         apart = ber_interval(few, 0.999), ber_interval(many, 0.999)
         assert apart[0].low < apart[1].high

@@ -1,5 +1,8 @@
 """task=figures at a tiny budget: what it writes, what it judges, that it goes on, and what it refuses."""
 
+import sqlite3
+from contextlib import closing
+
 import pytest
 from run_files import contents_of, files_in, rows_of
 from running import run_in
@@ -45,9 +48,11 @@ def test_what_is_written(some):
         *("config.yaml", "receiver.pt", "report.md", "report.html", "paired.csv"),
         *("scorecard.csv", "readings.csv"),
         *("figures/fig22.csv", "figures/fig22.png", "figures/fig22_readings.png"),
-        # True corners are measured on the same frames as located ones.
-        *("ledgers/ambient-board.sqlite", "ledgers/ambient-near.sqlite"),
+        "ledger.sqlite",
     }
+    # True corners are measured on the same frames as located ones: two studies of two points.
+    with closing(sqlite3.connect(some / "ledger.sqlite")) as ledger:
+        assert ledger.execute("SELECT count(*) FROM blocks").fetchone() == (4,)
     assert Receiver.load(some / "receiver.pt").name == "flda_3"
 
 

@@ -18,7 +18,7 @@ from vocc_torch.extras.rare.guess import first_guess
 from vocc_torch.extras.rare.learning import PilotFrames, joined, learned
 from vocc_torch.extras.rare.scenes import TiltedScenes
 from vocc_torch.extras.rare.weights import WeightedCounts
-from vocc_torch.measure import runner, sweep
+from vocc_torch.measure import runner
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
@@ -59,13 +59,12 @@ class WeighedJob(runner.Job):
         }
 
 
-def weighed_job(
-    study: sweep.Study, banks: Banks, value: float, workers: Workers
-) -> WeighedJob:
-    """Give what counts a point of a study on frames where errors are expected; see ``sweep.plain_job``."""
-    plan, plain = study.plan, sweep.plain_job(study, banks, value, workers)
-    scenes = proposal(plan, banks, plain.model, plain.point, workers.submit)
-    return WeighedJob(plan, scenes, plain.point, plain.receivers)
+def weighed_job(job: runner.Job, workers: Workers) -> WeighedJob:
+    """Give what counts a point on frames where errors are expected instead of those of its scenes."""
+    assert isinstance(job.receivers, runner.Banks)
+    banks = {locator: bank for locator, bank, _ in job.receivers.banks}
+    scenes = proposal(job.plan, banks, job.model, job.point, workers.submit)
+    return WeighedJob(job.plan, scenes, job.point, job.receivers, name=job.name)
 
 
 Submit = Callable[[Callable[[int], PilotFrames], int], Future[PilotFrames]]

@@ -25,7 +25,7 @@ from vocc_torch.studies.compare.report import (
     write_report,
 )
 from vocc_torch.studies.compare.rivals import ClassifierStudy, build_classifier_study
-from vocc_torch.studies.compare.run import Case, Run, comparison
+from vocc_torch.studies.run import Case, Run, begin
 
 COSTS = ("training_s", "simulated_s", "training_frames", "parameters", "size_bytes")
 """Columns of what it took to make a receiver."""
@@ -43,7 +43,7 @@ def run_classifiers(settings: Settings, rivals: RivalsConfig, folder: Path) -> N
         # What cannot be built is refused now, and not when its turn comes.
         plugged.classifier_of(classifier.build, classifier.inputs)
     stages = 2 + len(study.scene_plans) + bool(study.scene_plans)
-    with comparison(settings, folder, study.plan, stages) as run, run.pool:
+    with begin(settings, folder, study.plan, stages) as run, run.pool:
         curves = count_curves(study, run)
         lost, scenes = across_scenes(study, run)
     training = run.training(first)

@@ -22,7 +22,7 @@ from vocc_torch.studies.compare.effect_scenes import (
     ScenePair,
     fills,
 )
-from vocc_torch.studies.compare.run import Case, Run
+from vocc_torch.studies.run import Case, Run
 from vocc_torch.types import resolve_device
 
 NEAR_FRAMES = 32

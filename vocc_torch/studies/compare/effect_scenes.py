@@ -18,7 +18,7 @@ from vocc_torch.measure.schema import typed
 from vocc_torch.plugins import TARGET
 from vocc_torch.simulation import effects as chain
 from vocc_torch.studies.compare import EffectsConfig, Severity
-from vocc_torch.studies.compare.run import scene_plan
+from vocc_torch.studies.run import scene_plan
 
 Effects = Mapping[str, chain.Parameters]
 """Effect name to parameters, as a scene names them."""

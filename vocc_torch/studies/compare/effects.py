@@ -34,7 +34,7 @@ from vocc_torch.studies.compare.report import (
     print_rows,
     write_report,
 )
-from vocc_torch.studies.compare.run import comparison
+from vocc_torch.studies.run import begin
 
 READINGS: dict[str, tuple[Locator, int]] = {
     "true_corners": ("truth", 0),
@@ -52,7 +52,7 @@ def run_effects_task(settings: Settings, effects: EffectsConfig, folder: Path) -
         VoccError: an unknown effect, a value outside its range, or whatever a stage refuses.
     """
     study = build_effect_study(settings, effects, folder)
-    with comparison(settings, folder, study.plan, 3) as run:
+    with begin(settings, folder, study.plan, 3) as run:
         with run.stage("times", 1):
             costs = measure_costs(study)
         with run.pool:

@@ -10,7 +10,7 @@ from vocc_torch.measure.build import build_world
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.plan import Budget, Plan
 from vocc_torch.studies.compare import RivalsConfig
-from vocc_torch.studies.compare.run import scene_plan
+from vocc_torch.studies.run import scene_plan
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from vocc_torch.studies.compare.report import (
     print_rows,
     write_report,
 )
-from vocc_torch.studies.compare.run import Case, Run, comparison, scene_plan
+from vocc_torch.studies.run import Case, Run, begin, scene_plan
 from vocc_torch.types import resolve_device
 
 
@@ -39,7 +39,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
         VoccError: an unknown name, a value outside its range, or whatever a stage refuses.
     """
     study = build_tradeoff_study(settings, config, folder)
-    with comparison(settings, folder, study.plan, 3) as run:
+    with begin(settings, folder, study.plan, 3) as run:
         prices = price_receivers(study, run)
     words = recommendation(prices)
     write_atomically(folder / "recommendation.txt", words.encode())

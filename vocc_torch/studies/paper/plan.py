@@ -5,19 +5,20 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import yaml
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.measure import config as configs
-from vocc_torch.measure import curve, grid, sweep
-from vocc_torch.measure.plan import Experiment, Plan
+from vocc_torch.measure import curve, grid, runner, sweep
+from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.evidence import PaperFigure, features, panels, times
 from vocc_torch.studies.paper.evidence.sample import Source
 from vocc_torch.studies.paper.readings import PaperReading, load_readings
 from vocc_torch.studies.paper.rules import Evidence
+from vocc_torch.studies.run import Case, cases_of
 
 PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 """The receivers of the paper's figures."""
@@ -48,6 +49,29 @@ EVIDENCE: Mapping[str, Callable[[Source, str], PaperFigure]] = {
 """The figures other than bit error rates by name."""
 
 
+Outcomes: TypeAlias = Mapping[str, Mapping[float, runner.Outcome]]
+"""What was counted, by the study's name and the value that was simulated."""
+
+
+class RateStudy(NamedTuple):
+    """A curve of bit error rates that is to be measured.
+
+    Args:
+        name: of the experiment and the reading.
+        plan: what is measured.
+        locators: names of the locators, all run on the same frames.
+    """
+
+    name: str
+    plan: Plan
+    locators: tuple[Locator, ...]
+
+    @property
+    def cases(self) -> list[Case]:
+        """Its points, counted by receivers that trained with each of the locators."""
+        return cases_of(self.plan, list(map(self.plan.locating_with, self.locators)))
+
+
 @dataclass(frozen=True)
 class FigurePlan:
     """The figures, the readings and the studies.
@@ -62,53 +86,41 @@ class FigurePlan:
 
     names: tuple[str, ...]
     readings: tuple[PaperReading, ...]
-    studies: Mapping[tuple[str, str], sweep.Study]
-    rows: Mapping[float, sweep.Study]
+    studies: Mapping[tuple[str, str], RateStudy]
+    rows: Mapping[float, RateStudy]
 
     @property
-    def experiments(self) -> tuple[str, ...]:
-        """The experiments of bit error rates, in order."""
-        return tuple(dict.fromkeys(experiment for _, experiment in self.studies))
-
-    def every_study(self) -> list[sweep.Study]:
+    def every_study(self) -> list[RateStudy]:
         """The studies, each once, those of the first reading first."""
-        return list(
-            {
-                study.key: study
-                for study in (*self.studies.values(), *self.rows.values())
-            }.values()
-        )
+        every = (*self.studies.values(), *self.rows.values())
+        return list({study.name: study for study in every}.values())
 
-    def evidence(self, campaign: sweep.Campaign) -> dict[str, Evidence]:
+    def evidence(self, outcomes: Outcomes) -> dict[str, Evidence]:
         """What was measured, by reading.
 
         Raises:
             VoccError: no frame fell into any contrast bin.
         """
-        found = {}
-        for reading in self.readings:
-            curves = {
-                name: campaign.measured[self.studies[reading.name, name].key][
-                    reading.locator
-                ]
-                for name in self.experiments
-            }
-            if not all(one.values for one in curves.values()):
-                key = "figures.experiments.contrast.values"
-                edges = list(
-                    self.studies[reading.name, "contrast"].plan.experiment.values
-                )
+        locators = {reading.name: reading.locator for reading in self.readings}
+        found: dict[str, dict[str, curve.Curves]] = {name: {} for name in locators}
+        for (name, experiment), study in self.studies.items():
+            counted = outcomes[study.name]
+            curves = sweep.curves_at(study.plan, locators[name], counted)
+            if not curves.values:
+                key = f"figures.experiments.{experiment}.values"
+                edges = list(study.plan.experiment.values)
                 raise VoccError.of(key, edges, "bins that hold frames of these scenes")
-            found[reading.name] = Evidence(curves, {})
-        return found
+            found[name][experiment] = curves
+        return {name: Evidence(curves, {}) for name, curves in found.items()}
 
-    def grid(self, campaign: sweep.Campaign) -> grid.Grid | None:
+    def grid(self, outcomes: Outcomes) -> grid.Grid | None:
         """The grid of ambient light and LED luminance; None where it was not measured."""
         if not self.rows:
             return None
-        curves: list[curve.Curves] = []
-        for study in self.rows.values():
-            curves += campaign.measured[study.key].values()
+        curves = [
+            sweep.curves_at(study.plan, study.locators[0], outcomes[study.name])
+            for study in self.rows.values()
+        ]
         return grid.Grid("ambient_lx", tuple(self.rows), curves)
 
 
@@ -142,7 +154,7 @@ def plan_figures(
     rows = {}
     if DIMMING in names and DIMMING in config.experiments:
         for at, plan in rows_of(first, DIMMING, config.experiments[DIMMING]).items():
-            rows[at] = sweep.Study(f"{DIMMING}-{at:g}", plan, (first.receiver.locator,))
+            rows[at] = RateStudy(f"{DIMMING}-{at:g}", plan, (first.receiver.locator,))
     return FigurePlan(names, readings, studies(readings, rated), rows)
 
 
@@ -164,7 +176,7 @@ def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
 
 def studies(
     readings: Sequence[PaperReading], experiments: Mapping[str, Experiment]
-) -> dict[tuple[str, str], sweep.Study]:
+) -> dict[tuple[str, str], RateStudy]:
     """Plan the measurement of every reading, by reading and experiment.
 
     Args:
@@ -176,12 +188,12 @@ def studies(
         alike = [
             other
             for other in readings
-            if with_locator(other.plan, reading.locator) == reading.plan
+            if other.plan.locating_with(reading.locator) == reading.plan
         ]
         locators = tuple(dict.fromkeys(other.locator for other in alike))
         for name, experiment in experiments.items():
             plan = rows_of(alike[0].plan, name, experiment)[0.0]
-            planned[reading.name, name] = sweep.Study(
+            planned[reading.name, name] = RateStudy(
                 f"{name}-{alike[0].name}", plan, locators
             )
     return planned
@@ -195,8 +207,3 @@ def rows_of(plan: Plan, name: str, experiment: Experiment) -> dict[float, Plan]:
     """
     with section(f"figures.experiments.{name}", before="experiment"):
         return replace(plan, experiment=experiment).rows()
-
-
-def with_locator(plan: Plan, locator: str) -> Plan:
-    """Give a plan with another locator."""
-    return replace(plan, receiver=replace(plan.receiver, locator=locator))

@@ -1,12 +1,10 @@
 """``task=figures``: the paper's figures and claims, measured, drawn, scored and written as one report."""
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+import itertools
 from pathlib import Path
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import config as configs
-from vocc_torch.measure import executors, sweep
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import run_ledgers, terminal
 from vocc_torch.studies.paper import FiguresConfig
@@ -16,9 +14,11 @@ from vocc_torch.studies.paper.plan import (
     FIGURES,
     RATE_FIGURES,
     FigurePlan,
+    Outcomes,
     plan_figures,
 )
 from vocc_torch.studies.paper.report import Report
+from vocc_torch.studies.run import Run, begin
 
 
 def run_figures(
@@ -34,7 +34,6 @@ def run_figures(
     Raises:
         VoccError: an unknown figure or reading, or whatever a stage refuses.
     """
-    run_folder.refuse_results(folder, run_ledgers.LEDGERS)
     if (folder / "report.html").exists():
         before = configs.read_flat(folder / run_folder.CONFIG)
         for key, value in (("names", config.names), ("readings", config.readings)):
@@ -42,20 +41,19 @@ def run_figures(
                 raise VoccError(
                     f"name: {folder} holds a report of other figures.{key}: give another name="
                 )
-    plan, console = plan_figures(settings, config, folder), terminal.Console()
-    watch = terminal.Stopwatch(console)
-    # The ledgers are open to the end: a second run would write over the same report.
-    with run_ledgers.resumable(settings, folder, console), ExitStack() as ledgers:
+    plan = plan_figures(settings, config, folder)
+    watch, stages = terminal.Stopwatch(terminal.Console()), 1 + len(plan.every_study)
+    # The ledger is open to the end: a second run would write over the same report.
+    with begin(settings, folder, plan.readings[0].plan, stages) as run:
         with watch.stage("bit error rates"):
-            campaign = sweep.Campaign({}, {})
-            if ordered := plan.every_study():
-                campaign = measure(settings, plan, ordered, folder, ledgers)
-            run_folder.write_config(settings, folder)
-            report = Report(folder, plan, plan.evidence(campaign))
+            outcomes: Outcomes = {}
+            if plan.every_study:
+                outcomes = measure(settings, plan, run, folder)
+            report = Report(folder, plan, plan.evidence(outcomes))
             for name in plan.names:
                 if name in RATE_FIGURES.values():
                     report.add_rates(name)
-            if (cells := plan.grid(campaign)) is not None:
+            if (cells := plan.grid(outcomes)) is not None:
                 report.add_dimming(cells)
         # After the workers have ended: one of these figures is a measurement of time.
         with watch.stage("other figures"):
@@ -66,41 +64,31 @@ def run_figures(
         with watch.stage("report"):
             report.write(settings, watch.seconds)
     places = [("report", "report.html"), ("", "report.md")]
-    run_folder.print_places(console, folder, places, settings.tensorboard)
+    run_folder.print_places(run.console, folder, places, settings.tensorboard)
 
 
 def measure(
-    settings: configs.Settings,
-    plan: FigurePlan,
-    ordered: Sequence[sweep.Study],
-    folder: Path,
-    ledgers: ExitStack,
-) -> sweep.Campaign:
-    """Run every study, each with a ledger, under a live view, and save the first reading's receiver.
-
-    Args:
-        settings: the configuration.
-        plan: the figures.
-        ordered: its studies.
-        folder: the run's folder.
-        ledgers: closes the ledgers.
+    settings: configs.Settings, plan: FigurePlan, run: Run, folder: Path
+) -> Outcomes:
+    """Train and count for every study, and save the first reading's receiver.
 
     Raises:
         VoccError: whatever a stage refuses.
     """
-    total = sum(study.frames for study in ordered)
-    with executors.Workers.of(settings) as pool, terminal.ProgressView(total) as view:
-        opened = run_ledgers.open_ledgers(ledgers, folder, ordered, view.console)
-
-        def advance(study: sweep.Study, frames: int) -> None:
-            view.advance(study.key, frames)
-
-        def finished(study: sweep.Study, _: sweep.Measured) -> None:
-            view.say(f"measured {study.key}")
-
-        campaign = sweep.run_campaign(
-            ordered, pool, opened, advance=advance, finished=finished
-        )
-    training = campaign.trainings[ordered[0].key][plan.readings[0].locator]
-    run_ledgers.write_training(settings, ordered[0].plan, training, folder)
-    return campaign
+    cases = {study.name: study.cases for study in plan.every_study}
+    every = list(itertools.chain(*cases.values()))
+    with run.pool:
+        run.train([source for case in every for source in case.trained_on])
+        outcomes = {
+            name: dict(
+                zip(
+                    (case.value or 0.0 for case in some),
+                    run.count(some, name),
+                    strict=True,
+                )
+            )
+            for name, some in cases.items()
+        }
+    first = every[0].plan
+    run_ledgers.write_training(settings, first, run.training(first), folder)
+    return outcomes

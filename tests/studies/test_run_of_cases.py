@@ -6,7 +6,7 @@ from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.plan import Budget
 from vocc_torch.measure.store import Store
-from vocc_torch.studies.compare.run import Case, Run
+from vocc_torch.studies.run import Case, Run
 
 FRAMES = 70
 

@@ -1,22 +1,18 @@
-"""What every comparison does: train receivers, and count their errors case by case; resumed."""
+"""What every study does: train receivers, and count their errors case by case; resumed."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from operator import attrgetter
 from pathlib import Path
 
-from vocc_torch.measure import runner
+from vocc_torch.measure import kept_training, runner, sweep
 from vocc_torch.measure.build import build_plan, without_absent
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.executors import Workers
-from vocc_torch.measure.kept_training import KeptTrainings
 from vocc_torch.measure.plan import Experiment, Plan, identity
 from vocc_torch.measure.store import Store, canonical
-from vocc_torch.measure.sweep import point_name
-from vocc_torch.measure.train import Training, train_plans, training_key
-from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.measure.train import Training, training_key
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import run_ledgers
 from vocc_torch.report.terminal import Console, ProgressView, Stopwatch
@@ -40,9 +36,14 @@ class Case:
     value: float | None = None
 
 
+def cases_of(plan: Plan, trained_on: Sequence[Plan]) -> list[Case]:
+    """Give a case for each value of a curve that is simulated."""
+    return [Case(plan, trained_on, at) for at in sweep.monte_carlo_values(plan)]
+
+
 @dataclass(eq=False)
 class Run:
-    """What a comparison runs with.
+    """What a study runs with.
 
     Args:
         pool: the processes that train and count.
@@ -90,12 +91,22 @@ class Run:
         """
         missing = {training_key(plan): plan for plan in plans}
         learners = sum(1 + len(plan.receiver.classifiers) for plan in missing.values())
-        known = KeptTrainings([self.store])
         with self.stage(name, learners) as advance:
-            trained = train_plans(
-                list(missing.values()), self.pool, known, lambda frames: advance(1)
+            trained = kept_training.train_plans(
+                list(missing.values()), self.pool, self.store, lambda: advance(1)
             )
         self._trainings |= zip(missing, trained, strict=True)
+
+    def train_here(self, plan: Plan, train: Callable[[], Training]) -> Training:
+        """Train a plan's receivers in this process, unless they are trained already."""
+        key = training_key(plan)
+        training = kept_training.find(self.store, key, plan)
+        if training is None:
+            kept_training.keep(self.store, key, plan, training := train())
+        else:
+            run_folder.say(self.console, "resuming: the receivers are trained already")
+        self._trainings[key] = training
+        return training
 
     def count(
         self, cases: Sequence[Case], name: str = "bit errors"
@@ -106,48 +117,43 @@ class Run:
             cases: whose trainings are there.
             name: of the stage.
         """
-        jobs = list(map(self._job, cases))
-        by_frames = sorted(jobs, key=attrgetter("plan.budget.frames"))
+        jobs = list(map(self.job, cases))
+        by_frames = sorted(jobs, key=lambda job: job.plan.budget.frames)
         longest = {job.name: job for job in by_frames}
-        frames = sum(job.plan.budget.frames for job in longest.values())
+        frames = sum(job.plan.frames_in_point for job in longest.values())
         with self.stage(name, frames) as advance:
-            points = [
-                runner.PointTask(
-                    job, job.plan.budget, self.store, lambda done, _: advance(done)
-                )
-                for job in longest.values()
-            ]
-            batch_frames = max(job.plan.batch_frames for job in jobs)
-            counted = runner.count(points, self.pool, batch_frames)
+            counted = sweep.outcomes(
+                [*longest.values()],
+                self.pool,
+                self.store,
+                lambda _, done, __: advance(done),
+            )
             outcomes = dict(zip(longest, counted, strict=True))
         return [
-            first_frames(outcomes[job.name], job.plan.budget.frames) for job in jobs
+            first_frames(outcomes[job.name], job.plan.frames_in_point) for job in jobs
         ]
 
-    def _job(self, case: Case) -> runner.Job:
+    def job(self, case: Case) -> runner.Job:
         """Give what counts a case; of each locator the trainings are numbered, and repeated ones go on."""
-        plan, experiment = case.plan, case.plan.experiment
-        point, model = experiment.name, experiment.training_model(plan.world)
-        if case.value is not None:
-            point = point_name(experiment, case.value)
-            model = experiment.model_at(plan.world, case.value)
-        keys = list(map(training_key, case.trained_on))
-        banks: list[tuple[str, ReceiverBank, int]] = []
+        plan, keys = case.plan, list(map(training_key, case.trained_on))
+        banks: list[sweep.NumberedBank] = []
         for source, key in zip(case.trained_on, keys, strict=True):
             locator = source.receiver.locator
             first = self._trainings[key].bank(plan.receiver.names)
             for bank in (first, *first.more):
                 number = sum(locator == other for other, _, _ in banks)
                 banks.append((locator, bank, number))
-        receivers = runner.Banks(banks)
         settings = identity(plan, [locator for locator, _, _ in banks])
         text = canonical(settings | {"trained_on": keys})
         digest = hashlib.sha256(text.encode()).hexdigest()
-        return runner.Job(plan, model, point, receivers, name=f"{point} {digest}")
+        job = sweep.job_of(plan, banks, case.value)
+        return replace(job, name=f"{job.point} {digest}")
 
 
 def first_frames(outcome: runner.Outcome, frames: int) -> runner.Outcome:
     """Give what the first frames of a point gave."""
+    if frames >= len(outcome.errors.groups):
+        return outcome
     errors = outcome.errors.of(frames=slice(frames))
     rows = zip(errors.keys, errors.counts, strict=True)
     counts = {(key, 0): counts for key, counts in rows}
@@ -171,15 +177,15 @@ def scene_plan(settings: Settings, folder: Path) -> tuple[Plan, dict[str, str]]:
 
 
 @contextmanager
-def comparison(
-    settings: Settings, folder: Path, plan: Plan, stages: int
+def begin(
+    settings: Settings, folder: Path, plan: Plan, stages: int = 1
 ) -> Iterator[Run]:
-    """Open a comparison's store in its folder, and its workers.
+    """Open a study's store in its folder, and its workers.
 
     Args:
         settings: the configuration.
         folder: the run's folder.
-        plan: of the scene itself; cases are recorded with what else their counts depend on.
+        plan: of the whole study; cases are recorded with what else their counts depend on.
         stages: how many stages there are.
 
     Raises:
@@ -188,9 +194,11 @@ def comparison(
     run_folder.refuse_results(folder, run_folder.LEDGER)
     console, ledger = Console(), folder / run_folder.LEDGER
     counted_for = identity(plan, [plan.receiver.locator])
+    # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
+    pool = Workers.of(settings)
     with (
         run_ledgers.resumable(settings, folder, console),
         run_ledgers.open_ledger(ledger, counted_for, console) as store,
     ):
         run_folder.write_config(settings, folder)
-        yield Run(Workers.of(settings), store, console, stages)
+        yield Run(pool, store, console, stages)
