@@ -179,8 +179,8 @@ def demand_within(
     *,
     above: bool = False,
     null: bool = False,
-) -> None:
-    """Refuse, by name, a value that is no number from ``low`` (or ``above`` it) to ``high``.
+) -> float | None:
+    """Give a number from ``low`` (or ``above`` it) to ``high`` as a float, or refuse it by name.
 
     Args:
         name: the key's.
@@ -197,11 +197,13 @@ def demand_within(
         vocc_torch.errors.VoccError: record.fps is 0: it must be above 0 and at most 1e+06
     """
     if null and value is None:
-        return
-    number = finite_number(name, value)
+        return None
+    ends = f"{'above' if above else 'at least'} {low:g} and at most {high:g}"
+    rule = ends + ", or null" * null
+    number = finite_number(name, value, f"a number, {rule}")
     if number > high or number < low or (above and number == low):
-        rule = f"{'above' if above else 'at least'} {low:g} and at most {high:g}"
-        raise VoccError.of(name, f"{number:g}", rule + ", or null" * null)
+        raise VoccError.of(name, f"{number:g}", rule)
+    return number
 
 
 def demand_word(name: str, value: str, words: Iterable[str], hint: str = "") -> None:

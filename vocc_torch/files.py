@@ -207,9 +207,14 @@ def _to_replace(target: Path) -> Iterator[Path]:
     except OSError as error:
         raise VoccError(f"cannot write {target}: {error.strerror or error}") from error
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        with suppress(OSError):  # that it cannot be deleted is not the error to tell of
-            temporary.unlink(missing_ok=True)
+        remove(temporary)
+
+
+def remove(path: Path) -> None:
+    """Remove a file or a folder, where it is there and can be removed."""
+    shutil.rmtree(path, ignore_errors=True)
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
 
 
 def write_atomically(path: str | Path, content: bytes) -> None:
@@ -306,12 +311,12 @@ def sweep(paths: Iterable[Path]) -> None:
     """
     for path in paths if sys.platform != "win32" else ():
         if made := re.fullmatch(r"\..+\.(\d{1,9})(-\d+)?\.tmp(\..+)?", path.name):
-            # The process is another user's, or the path is no file.
-            with suppress(OSError):
-                try:
-                    os.kill(int(made[1]), 0)
-                except ProcessLookupError:
-                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+            try:
+                os.kill(int(made[1]), 0)
+            except ProcessLookupError:
+                remove(path)
+            except OSError:  # the process is another user's
+                pass
 
 
 @contextmanager

@@ -7,7 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from vocc_torch.errors import VoccError, demand_kind, finite_number, shown, whole_number
+from vocc_torch.errors import (
+    VoccError,
+    demand_kind,
+    demand_within,
+    finite_number,
+    shown,
+    whole_number,
+)
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -51,21 +58,15 @@ def demand_ranges(
     Raises:
         VoccError: an attribute that is no such number.
     """
+    numbers: dict[str, float | None] = {}
     for name, most in whole.items():
-        object.__setattr__(
-            owner,
-            name,
-            whole_number(f"{section}.{name}", getattr(owner, name), 1, most),
-        )
-    for name, (low, high) in ranges.items():
-        rule = f"at least {low:g} and at most {high:g}"
-        value = finite_number(
-            f"{section}.{name}", getattr(owner, name), f"a number, {rule}"
-        )
-        if not low <= value <= high:
-            rule = "above 0" if value <= 0 < low else rule
-            raise VoccError.of(f"{section}.{name}", f"{value:g}", rule)
-        object.__setattr__(owner, name, value)
+        key, value = f"{section}.{name}", getattr(owner, name)
+        numbers[name] = whole_number(key, value, 1, most)
+    for name, ends in ranges.items():
+        key, value = f"{section}.{name}", getattr(owner, name)
+        numbers[name] = demand_within(key, value, *ends)
+    for name, number in numbers.items():
+        object.__setattr__(owner, name, number)
 
 
 @dataclass(frozen=True, slots=True)

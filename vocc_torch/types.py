@@ -457,19 +457,20 @@ class Candidates(Batched):
             -1, 2
         )
         frame, row = pairs.unbind(1)
-        # The last row stands for nothing seen.
-        corners, score = (
-            torch.cat([one, one.new_zeros(1, *one.shape[1:])])[row]
-            for one in (self.corners_px, self.score)
-        )
         unseen = math.nan if math.isnan(most_false_alarms) else math.inf
-        alarms = torch.cat(
-            [self.false_alarms, self.false_alarms.new_full((1,), unseen)]
-        )[row]
-        found = ~(alarms > most_false_alarms) & (row >= 0)
+        nothing = Candidates(
+            self.frame.new_zeros(1),
+            self.corners_px.new_zeros(1, 4, 2),
+            self.score.new_zeros(1),
+            self.false_alarms.new_full((1,), unseen),
+        )
+        # The last row stands for nothing seen.
+        best = Candidates.cat([self, nothing])[row]
+        found = ~(best.false_alarms > most_false_alarms) & (row >= 0)
         count = torch.bincount(self.frame[sure], minlength=frames)[frame]
-        corners = corners * found[:, None, None]
-        return frame, StatedPanels(corners, found, score * found, count, alarms)
+        corners = best.corners_px * found[:, None, None]
+        score = best.score * found
+        return frame, StatedPanels(corners, found, score, count, best.false_alarms)
 
 
 def resolve_device(name: str) -> torch.device:

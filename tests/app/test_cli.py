@@ -125,6 +125,29 @@ def test_multirun_keeps_every_job_apart_and_goes_on_after_a_failing_one(app, tmp
         assert ran.out.index(f"job {job}: ") < ran.out.index(f"panel.rows={rows}")
 
 
+def test_the_configuration_is_composed_once_and_its_own_mode_holds(
+    app, tmp_path, monkeypatch
+):
+    """A mode of several jobs may stand in a file of the user's, or in the words."""
+    composed, compose = [], cli.Hydra.compose_config
+    monkeypatch.setattr(
+        cli.Hydra,
+        "compose_config",
+        lambda *given, **named: composed.append(named) or compose(*given, **named),
+    )
+    (tmp_path / "a.txt").write_text("a message")
+    (tmp_path / "panel").mkdir()
+    text = "# @package _global_\nhydra: {mode: MULTIRUN}\n"
+    (tmp_path / "panel" / "several.yaml").write_text(text)
+    send = ("task=transmit", "input=a.txt", "panel.rows=8")
+    assert app(*send, "name=once").status == 0
+    assert len(composed) == 1
+    assert app(*send, "name=words", "hydra.mode=MULTIRUN").status == 0
+    assert app(*send, "name=file", "--config-dir", ".", "panel=several").status == 0
+    for name in ("words", "file"):
+        assert (tmp_path / "runs" / name / "0" / "plan.yaml").exists()
+
+
 # Mistakes that only a command can make; the others are in test_mistakes.py
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import hydra
+from hydra._internal.hydra import Hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
@@ -96,6 +97,21 @@ def ctrl_c_first(heard: list[int]) -> Iterator[None]:
     finally:
         if listens:
             signal.signal(signal.SIGINT, usual)
+
+
+@contextlib.contextmanager
+def composed_once(arguments: Sequence[str]) -> Iterator[None]:
+    """Keep Hydra from composing all once more to know whether there are several jobs, where -m alone says so."""
+    usual = Hydra.get_mode
+    if not any(
+        word.lstrip("+").startswith(("-", "hydra.")) and word not in MULTIRUN
+        for word in arguments
+    ):
+        Hydra.get_mode = lambda *_, **__: None  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        Hydra.get_mode = usual  # type: ignore[method-assign]
 
 
 def run_task(settings: AppConfig, folder: Path) -> None:
@@ -231,7 +247,11 @@ def run_jobs(jobs: Jobs) -> int:
 
     heard: list[int] = []
     try:
-        with terminal_lines(), ctrl_c_first(heard):
+        with (
+            terminal_lines(),
+            ctrl_c_first(heard),
+            composed_once(sys.argv[1:]),
+        ):
             sys.argv[1:] = for_hydra(sys.argv[1:])
             hydras()
             sys.stdout.flush()
@@ -275,13 +295,14 @@ FLAGS_OF_ONE_VALUE = (
 
 
 def for_hydra(arguments: Sequence[str]) -> list[str]:
-    """Give a command line with flags as Hydra takes it."""
+    """Give a command line as Hydra takes it: flags first, since argparse takes keys on one side of them only."""
     flags, words = list[str](), list[str]()
     for last, word in zip(["", *arguments], arguments, strict=False):
         is_flag = word.startswith("-") or last in FLAGS_OF_ONE_VALUE
         (flags if is_flag else words).append(word)
-    sweeps = bool({*MULTIRUN} & {*flags})
-    return [*flags, *hydra_words(words, sweeps), *own_scenes(words)]
+    sweeps = not {*MULTIRUN}.isdisjoint(flags)
+    named = hydra_words([with_quoted_input(word, sweeps) for word in words], sweeps)
+    return [*flags, *named, *own_scenes(words)]
 
 
 def quoted(text: str) -> str:
@@ -340,11 +361,7 @@ def own_scenes(words: Sequence[str]) -> list[str]:
 
 def run() -> int:
     """Run the application on the process's arguments and give its exit status."""
-    # argparse takes keys on one side of a flag only, and users write them on both.
-    sys.argv[1:] = sorted(sys.argv[1:], key=lambda word: word not in MULTIRUN)
-    sweeps = any(word in MULTIRUN for word in sys.argv[1:])
-    sys.argv[1:] = [with_quoted_input(word, sweeps) for word in sys.argv[1:]]
-    if set(MULTIRUN) & set(sys.argv):
+    if not {*MULTIRUN}.isdisjoint(sys.argv):
         watch_joblib()
     # Hydra prints errors over several lines and exits unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"

@@ -4,7 +4,6 @@ import os
 import platform
 import re
 import sys
-import time
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -133,29 +132,27 @@ def runs_folder() -> Check:
 
 def decoding() -> Iterator[Check]:
     """Decode a drawn panel of known bits with the receiver that ships, and time each stage."""
-    begin = time.perf_counter()
-    import torch
+    from vocc_torch.report.terminal import Stopwatch
 
-    from vocc_torch.receiver.shipped import shipped_receiver
-    from vocc_torch.simulation import Simulator
-    from vocc_torch.types import Scene
+    watch = Stopwatch()
+    with watch.stage("load"):
+        import torch
 
-    receiver = shipped_receiver("street")
-    loaded = time.perf_counter()
+        from vocc_torch.receiver.shipped import shipped_receiver
+        from vocc_torch.simulation import Simulator
+        from vocc_torch.types import Scene
+
+        receiver = shipped_receiver("street")
     bits = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(0)) < 0.5
     frames = Simulator(framing="full").render(Scene.of(distance_m=20.0), bits)
-    drawn = time.perf_counter()
-    panels = receiver.stages.locate(frames)
-    located = time.perf_counter()
-    read = receiver(frames, panels).bits
-    done = time.perf_counter()
+    with watch.stage("locate"):
+        panels = receiver.stages.locate(frames)
+    with watch.stage("read"):
+        read = receiver(frames, panels).bits
     wrong = int((read != bits).sum())
     found = f"{wrong} of {bits.numel()} bits of a drawn panel are wrong"
     yield Check("decode", not wrong, found, "install the package again" * bool(wrong))
-    stages = {
-        "load": loaded - begin,
-        "locate": located - drawn,
-        "read": done - located,
-    }
-    times = ", ".join(f"{name} {1000 * taken:.0f} ms" for name, taken in stages.items())
+    times = ", ".join(
+        f"{name} {1000 * taken:.0f} ms" for name, taken in watch.seconds.items()
+    )
     yield Check("times", True, f"{times} for a frame of 1920 x 1080")

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import UNFINISHED
+from vocc_torch.files import UNFINISHED, remove
 from vocc_torch.measure import config, train
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import SUFFIX, Store
@@ -46,9 +46,16 @@ def open_ledger(
 
 @contextmanager
 def resumable(
-    settings: config.Settings, folder: Path, console: Console
+    settings: config.Settings, folder: Path, console: Console, *made: str
 ) -> Iterator[None]:
-    """Say which results a run replaces, and how to go on where it is interrupted; leave nothing of no counts."""
+    """Say which results a run replaces, and how to go on where it is interrupted; leave nothing of no counts.
+
+    Args:
+        settings: the configuration.
+        folder: the run's folder.
+        console: where it is said.
+        made: what the run makes there before anything is counted, beside configuration and samples.
+    """
     before = finished_settings(folder)
     try:
         yield
@@ -60,12 +67,12 @@ def resumable(
                     f"interrupted: the same command with name={settings.name} resumes",
                 )
         else:
-            for name in (CONFIG, SAMPLES):
-                (folder / name).unlink(missing_ok=True)
+            for name in (CONFIG, SAMPLES, *made):
+                remove(folder / name)
         raise
     if lost := lost_settings(before, finished_settings(folder)):
-        text = f"replaced: the results of {', '.join(lost)}; the former command gives them back from its ledger"
-        console.print(text, soft_wrap=True, markup=False, highlight=False)
+        text = f"replaced: the results of {', '.join(lost)}"
+        say(console, f"{text}; the former command gives them back from its ledger")
 
 
 def finished_settings(folder: Path) -> dict[str, object]:

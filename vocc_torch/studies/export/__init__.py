@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vocc_torch.errors import VoccError, whole_number
+from vocc_torch.errors import VoccError, demand_word, whole_number
 
 POINTS = ("train", "test")
 BLOCK, MOST_SHARD, MOST_FRAMES = 64, 8192, 10_000_000
@@ -29,10 +29,8 @@ class ExportConfig:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        if self.points not in POINTS:
-            raise VoccError.of("export.points", repr(self.points), " or ".join(POINTS))
-        if not 1 <= self.frames <= MOST_FRAMES:
-            raise VoccError.of("export.frames", self.frames, f"from 1 to {MOST_FRAMES}")
+        demand_word("export.points", self.points, POINTS)
+        whole_number("export.frames", self.frames, 1, MOST_FRAMES)
         if self.shard_frames % BLOCK or not BLOCK <= self.shard_frames <= MOST_SHARD:
             rule = f"a multiple of {BLOCK} from {BLOCK} to {MOST_SHARD}"
             raise VoccError.of("export.shard_frames", self.shard_frames, rule)

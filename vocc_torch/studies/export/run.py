@@ -1,10 +1,8 @@
 """``task=export``: simulated frames as PNG, with their truth as CSV and COCO JSON."""
 
 import json
-import shutil
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,7 @@ from typing import Any
 from PIL import Image
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import atomic_folder, read_file, write_atomically
+from vocc_torch.files import atomic_folder, read_file, remove, write_atomically
 from vocc_torch.measure import build, executors, sweep
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.link import block_keys, rendered
@@ -57,10 +55,10 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
         for point, model in scenes
         for first in range(0, config.frames, config.shard_frames)
     ]
-    with run_ledgers.resumable(settings, folder, console), nothing_half_written(folder):
+    with run_ledgers.resumable(settings, folder, console, IDENTITY, FRAMES):
         demand_identity(folder / IDENTITY, identity_of(plan, config))
         for left in (folder / FRAMES).glob("**/.*.tmp"):
-            shutil.rmtree(left, ignore_errors=True)
+            remove(left)
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan, [kind])
         complete = render(shards, executors.Workers.of(settings), console)
@@ -80,19 +78,6 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
         "samples": run_folder.SAMPLES,
     }
     run_folder.print_places(console, folder, places.items())
-
-
-@contextmanager
-def nothing_half_written(folder: Path) -> Iterator[None]:
-    """Remove what a run leaves that ended before its first shard was complete."""
-    try:
-        yield
-    except BaseException:
-        if not any(folder.glob(f"{FRAMES}/**/{manifest.NAME}")):
-            shutil.rmtree(folder / FRAMES, ignore_errors=True)
-            for name in (IDENTITY, run_folder.CONFIG, run_folder.SAMPLES):
-                (folder / name).unlink(missing_ok=True)
-        raise
 
 
 def render(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from vocc_torch.files import atomic_file
@@ -56,30 +57,28 @@ def rows_of(
         panels: the true corners.
     """
     height, width = seen.grey.shape[-2:]
-    heads = (
-        (name.block.seed, name.block.point, name.block.block, name.frame, width, height)
-        for name in names
-    )
     corners = (panels.corners_px - seen.origin_px[:, None]).flatten(1).tolist()
     surround = [None] * len(scene) if seen.surround is None else seen.surround.tolist()
-    texts = {
-        name: ["".join("01"[bit] for bit in row) for row in sent.flatten(1).tolist()]
-        for name, sent in bits.items()
-    }
-    sent, *further = (texts.get(name, [""] * len(scene)) for name in ("bits", *FURTHER))
-    values = zip(*(getattr(scene, name).tolist() for name in SCENE_FIELDS), strict=True)
-    every = zip(
-        heads,
+    values = torch.stack([getattr(scene, name) for name in SCENE_FIELDS], 1).tolist()
+    origins, flat = (
         seen.origin_px.tolist(),
-        surround,
-        corners,
-        sent,
-        values,
-        *further,
-        strict=True,
+        {name: sent.flatten(1) for name, sent in bits.items()},
     )
-    for head, origin, offset, at, text, scenes, *extra in every:
-        yield (*head, *origin, offset, *at, text, *scenes, *extra)
+    for i, (block, frame) in enumerate((name.block, name.frame) for name in names):
+        first, *further = (
+            "".join("01"[bit] for bit in flat[name][i].tolist()) if name in flat else ""
+            for name in ("bits", *FURTHER)
+        )
+        head = block.seed, block.point, block.block, frame, width, height
+        yield (
+            *head,
+            *origins[i],
+            surround[i],
+            *corners[i],
+            first,
+            *values[i],
+            *further,
+        )
 
 
 def read_truth(files: Sequence[Path]) -> Iterator[dict[str, Any]]:
