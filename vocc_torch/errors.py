@@ -21,9 +21,6 @@ class VoccError(ValueError):
         vocc_torch.errors.VoccError: scene.distance_m is -3: it must be above 0
     """
 
-    value: object = None
-    rule: str = ""
-
     @classmethod
     def of(cls, key: str, value: object, rule: str, verb: str = "is") -> Self:
         """Make the error of a key, its value and the rule that the value breaks.
@@ -34,9 +31,7 @@ class VoccError(ValueError):
             rule: what the value must be.
             verb: ``is``, or ``has`` for a value that is one of the key's.
         """
-        error = cls(f"{key} {verb} {value}: it must be {rule}")
-        error.value, error.rule = value, rule
-        return error
+        return cls(f"{key} {verb} {value}: it must be {rule}")
 
 
 def stdout_refusal(error: OSError) -> str:
@@ -78,14 +73,10 @@ def section(key: str, before: str = "") -> Iterator[None]:
             raise
         if not before and said.startswith(f"{key}."):
             raise
-        rest = (
-            said[len(before) :].replace(f"{before}.", f"{key}.")
-            if before
-            else f".{said}"
-        )
-        moved = type(error)(f"{key}{rest}")
-        moved.value, moved.rule = error.value, error.rule
-        raise moved from None
+        rest = f".{said}"
+        if before:
+            rest = said[len(before) :].replace(f"{before}.", f"{key}.")
+        raise type(error)(f"{key}{rest}") from None
 
 
 def shown(value: object) -> str:

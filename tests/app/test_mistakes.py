@@ -41,7 +41,7 @@ def test_a_name_that_a_terminal_reads_is_refused(name):
         VoccError, match=r"^name is '[ -~]+': it must be printable"
     ) as refusal:
         settings.__post_init__()
-    assert refusal.value.value.isprintable()
+    assert str(refusal.value).isprintable()
 
 
 STRANGE = {

@@ -10,10 +10,9 @@ from vocc_torch.measure.grid import best_luminance
 from vocc_torch.report.heatmap import (
     dimming_figure,
     grid_figures,
-    rate_or_limit,
 )
 from vocc_torch.report.rate_tables import write_grid
-from vocc_torch.report.styles import receiver_styles
+from vocc_torch.report.styles import rate_or_limit, receiver_styles
 
 FOUR = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 

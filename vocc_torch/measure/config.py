@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from omegaconf import MISSING, OmegaConf
 
 from vocc_torch.distributions import SCENE_FIELDS, parsed_scene
-from vocc_torch.errors import VoccError, demand_least, demand_word
+from vocc_torch.errors import VoccError, demand_least, demand_word, section
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.plugins import DIRECTIVES, demand_plain
 from vocc_torch.receiver.limits import LocatorLimits
@@ -191,12 +191,8 @@ class Experiment:
         model = narrowed(world.scene, self.scene)
         if self.axis == "contrast":
             return model
-        try:
+        with section("experiment.values has", before=f"scene.{self.axis} is"):
             return narrowed(model, {self.axis: value}, "scene")
-        except VoccError as error:
-            raise VoccError.of(
-                "experiment.values", error.value, error.rule, "has"
-            ) from None
 
     def training_model(self, world: "World") -> "SceneModel":
         """The scenes that a receiver trains on."""

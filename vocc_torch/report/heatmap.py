@@ -119,16 +119,6 @@ def draw_matrix(axes: Axes, matrix: Matrix, norm: colors.LogNorm) -> None:
             )
 
 
-def rate_or_limit(rate: float, high: float) -> str:
-    """Write a rate, or its limit where there were no errors.
-
-    Example:
-        >>> rate_or_limit(6.6e-4, 1e-3), rate_or_limit(0.0, 1e-3)
-        ('6.6e-4', '< 1.0e-3')
-    """
-    return styles.rate_text(rate) if rate else f"< {styles.rate_text(high)}"
-
-
 def dimming_figure(
     grid: Grid, title: str = HEADING, receivers: Sequence[str] = ()
 ) -> Figure:
@@ -164,7 +154,7 @@ def dimming_figure(
     maps = []
     for name in names:
         rates, limits = grid.ber(name).T, grid.intervals(name)[1].T
-        texts = np.vectorize(rate_or_limit)(rates, limits).tolist()
+        texts = np.vectorize(styles.rate_or_limit)(rates, limits).tolist()
         maps.append(
             Matrix(
                 rates, texts, rows, columns, looks[name].label, *labels, text_at=0.24

@@ -2,6 +2,7 @@
 
 import base64
 import re
+import textwrap
 from functools import lru_cache
 from pathlib import Path
 from urllib.parse import unquote
@@ -30,7 +31,7 @@ _NOT_WORDS = re.compile(r"(?:[^\S\N{NO-BREAK SPACE}]|[\x00-\x1f\x7f-\x9f])+")
 def render(package: str, template: str, **values: object) -> str:
     """Fill in a template. In ``*.md.j2`` Markdown marks in values are escaped.
 
-    What is Markdown already passes through Jinja's ``safe``; the filters ``md``, ``code`` and ``fence``
+    What is Markdown already passes through Jinja's ``safe``; the filters ``md``, ``code`` and ``block``
     return Markdown. A further filter is ``rate`` ("1.5e-5").
 
     Args:
@@ -67,7 +68,7 @@ def environment(package: str) -> jinja2.Environment:
     filled.filters |= {
         "md": md,
         "code": code,
-        "fence": fence,
+        "block": block,
         "rate": rate_text,
     }
     filled.globals["SIGNS"] = SIGNS
@@ -87,32 +88,20 @@ def md(value: object) -> Markup:
 
 
 def code(value: object) -> Markup:
-    """Write words as inline code, between more backticks than they hold in a row.
+    r"""Write words as inline code, or as plain words where they hold what would end it.
 
     Example:
-        >>> print(code("a `b`"))
-        `` a `b` ``
+        >>> print(code("a b"), code("a `b`"))
+        `a b` a \`b\`
     """
     text = _one_line(str(value))
-    if (
-        not text or "|" in text
-    ):  # a table is parted at every pipe, and code keeps its backslashes
-        return md(text)
-    marks = _backticks(text, 1)
-    blank = " " if text[0] in "` " or text[-1] in "` " else ""
-    return Markup(f"{marks}{blank}{text}{blank}{marks}")
+    # A table is parted at every pipe, and code keeps its backslashes.
+    return md(text) if not text or {*"|`"} & {*text} else Markup(f"`{text}`")
 
 
-def fence(value: object) -> Markup:
-    """Write lines as they are, such as commands, between fences longer than any row of backticks in them."""
-    text = str(value).rstrip()
-    marks = _backticks(text, 3)
-    return Markup(f"{marks}text\n{text}\n{marks}")
-
-
-def _backticks(text: str, least: int) -> str:
-    """Give so many backticks, or one more than the longest row of them in a text."""
-    return max(["`" * least, *(f"{row}`" for row in re.findall("`+", text))], key=len)
+def block(value: object) -> Markup:
+    """Write lines as they are, such as commands, each behind four blanks."""
+    return Markup(textwrap.indent(str(value).rstrip(), "    ", lambda _: True))
 
 
 def slug(heading: str) -> str:

@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
@@ -139,8 +139,7 @@ def curve_figure(
         raise VoccError("panels is empty: a figure needs at least one panel")
     curves = [curve for panel in panels for curve in panel.curves]
     styles = {curve.style.label: curve.style for curve in curves}
-    quoted = any(curve.stars for curve in curves)
-    signs = [sign_of(style) for style in styles.values()] + [quoted_sign()] * quoted
+    signs = signs_of(styles.values(), any(curve.stars for curve in curves))
     size_in = LOOK.single_in if len(panels) == 1 else None
     figure, axes = sheet(
         len(panels), title, footnote, columns, panel_in, size_in, signs, sharey=True
@@ -345,23 +344,22 @@ def star(colour: str) -> dict[str, Any]:
     return {"marker": "*", "linestyle": "none", "color": colour, "zorder": 5, **edge}
 
 
-def quoted_sign() -> Artist:
-    """Make the sign of quoted values for a legend."""
-    return Line2D([], [], **star(LOOK.quiet), label="quoted")
-
-
-def sign_of(style: Style) -> Artist:
-    """Make a style's sign for a legend."""
-    return Line2D(
-        [],
-        [],
-        color=style.colour,
-        linestyle=style.line,
-        marker=style.marker,
-        markersize=7,
-        label=style.label,
-        **EDGE,
-    )
+def signs_of(styles: Iterable[Style], quoted: bool) -> list[Artist]:
+    """Make the signs of a legend, one for each label, and that of quoted values."""
+    signs: list[Artist] = [
+        Line2D(
+            [],
+            [],
+            color=style.colour,
+            linestyle=style.line,
+            marker=style.marker,
+            markersize=7,
+            label=label,
+            **EDGE,
+        )
+        for label, style in {style.label: style for style in styles}.items()
+    ]
+    return signs + [Line2D([], [], **star(LOOK.quiet), label="quoted")] * quoted
 
 
 def rate_limits(curves: Iterable[Curve]) -> tuple[float, float] | None:
@@ -390,7 +388,7 @@ class Rows:
     """Axes with intervals in rows.
 
     Args:
-        series: by name in the legend, a style and an interval for each row, or None.
+        series: a style and an interval for each row, or None.
         x_label: with the unit.
         title: above the axes.
         scale: ``linear``, ``log`` or ``symlog``.
@@ -398,7 +396,7 @@ class Rows:
         stars: quoted values by row.
     """
 
-    series: Mapping[str, tuple[Style, Sequence[Estimate | None]]]
+    series: Sequence[tuple[Style, Sequence[Estimate | None]]]
     x_label: str
     title: str = ""
     scale: str = "linear"
@@ -419,16 +417,13 @@ def rows_figure(
 
     Example:
         >>> style = Style("time", "#0072B2", "o", "-")
-        >>> panel = Rows({"time": (style, [Estimate(2.0, 1.0, 3.0)])}, "ms")
+        >>> panel = Rows([(style, [Estimate(2.0, 1.0, 3.0)])], "ms")
         >>> [label.get_text() for label in rows_figure(["paper"], [panel], "Times").axes[0].get_yticklabels()]
         ['paper']
     """
     size_in = 5.4 * len(panels) + 0.6, 2.0 + LOOK.row_in * len(names)
-    styles = {
-        name: style for panel in panels for name, (style, _) in panel.series.items()
-    }
-    signs = [sign_of(replace(style, label=name)) for name, style in styles.items()]
-    signs += [quoted_sign()] * any(panel.stars for panel in panels)
+    styles = [style for panel in panels for style, _ in panel.series]
+    signs = signs_of(styles, any(panel.stars for panel in panels))
     figure, axes = sheet(
         len(panels),
         title,
@@ -462,7 +457,7 @@ def draw_rows(axes: Axes, panel: Rows) -> None:
     axes.tick_params(axis="y", length=0)
     if panel.scale == "symlog":
         axes.axvline(0, color=LOOK.quiet, linewidth=1.0, zorder=1)
-    for number, (style, estimates) in enumerate(panel.series.values()):
+    for number, (style, estimates) in enumerate(panel.series):
         shift = 0.5 * ((number + 0.5) / len(panel.series) - 0.5)
         for row, estimate in enumerate(estimates):
             if estimate is None or (panel.scale == "log" and estimate.high <= 0):

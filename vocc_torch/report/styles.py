@@ -158,7 +158,17 @@ def point_text(row: Row) -> str:
         >>> point_text(Row("s", "contrast", 0.1, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 0.04, 0, 0, "x"))
         '< 4.0e-2'
     """
-    return f"< {rate_text(row.ber_high)}" if row.error_free else rate_text(row.ber)
+    return rate_or_limit(row.ber, row.ber_high)
+
+
+def rate_or_limit(rate: float, high: float) -> str:
+    """Write a rate, or its limit where there were no errors.
+
+    Example:
+        >>> rate_or_limit(6.6e-4, 1e-3), rate_or_limit(0.0, 1e-3)
+        ('6.6e-4', '< 1.0e-3')
+    """
+    return rate_text(rate) if rate else f"< {rate_text(high)}"
 
 
 def number_text(value: float) -> str:

@@ -13,7 +13,7 @@ from vocc_torch.report import heatmap, plots, styles
 from vocc_torch.report.plots import LOOK, Curve, Figure, Panel, Rows
 from vocc_torch.report.styles import Style
 from vocc_torch.studies.compare.effect_scenes import EffectStudy
-from vocc_torch.studies.compare.prices import LOCATED_BY, PriceList
+from vocc_torch.studies.compare.prices import PriceList
 from vocc_torch.studies.compare.report import (
     Row,
     cell_text,
@@ -136,31 +136,26 @@ def effects_figure(study: EffectStudy, rows: Sequence[Row]) -> Figure:
         study: what was compared.
         rows: of the effects, for the receiver that is shown.
     """
-    costs = {}
+    costs = []
     for kind, style in COSTS.items():
         names = [f"{kind}_{end}ms" for end in ("", "low_", "high_")]
         found = [estimate_of(row, *names) for row in rows]
         # What cannot be told from nothing is left out, and so is what is the same as near the panel.
-        costs[style.label] = (
-            style,
-            [
-                cost
-                if cost and cost.low > 0 and (kind == "near" or row["fills_sensor"])
-                else None
-                for cost, row in zip(found, rows, strict=True)
-            ],
-        )
+        shown = [
+            cost
+            if cost and cost.low > 0 and (kind == "near" or row["fills_sensor"])
+            else None
+            for cost, row in zip(found, rows, strict=True)
+        ]
+        costs.append((style, shown))
     panels = [Rows(costs, "Time added (ms a frame)", "Cost", "log")]
     located = {"located": READINGS["true_corners"]}
     for title, looks in {"True corners": READINGS, "Paper's locator": located}.items():
-        series = {
-            style.label: (
-                style,
-                [estimate_of(row, *change_columns(reading)) for row in rows],
-            )
+        series = [
+            (style, [estimate_of(row, *change_columns(reading)) for row in rows])
             for reading, style in looks.items()
             if f"{reading}_frames" in rows[0]
-        }
+        ]
         if series:
             label = "Change of the bit error rate"
             panels.append(Rows(series, label, title, "symlog", SETTINGS.linear))
@@ -226,7 +221,7 @@ def price_figure(prices: PriceList) -> Figure:
             for point in points
             if point.key.locator == locator
         ]
-        words = LOCATED_BY[locator], "Time a frame (ms)"
+        words = styles.LOCATED[locator], "Time a frame (ms)"
         panels.append(Panel([line, *curves], *words, x_scale="log", spread_pt=0))
     title = f"Time and errors of {len(points)} receivers, {prices.study.scene_name}"
     note = f"{prices.conditions()} Bars: 95 % intervals; arrows: no errors, 95 % upper limit."

@@ -20,10 +20,6 @@ from vocc_torch.studies.compare.report import rate_texts
 FRAMINGS: Mapping[str, Framing] = {"whole": "filled", "crops": "crop"}
 """How frames are rendered that a receiver gets whole, or cut to the panel's surroundings."""
 
-LOCATED_BY = styles.Words(
-    truth="true corners", paper="paper's locator", refined="refined locator"
-)
-
 Rank = Literal["frontier", "perhaps", "beaten"]
 
 
@@ -50,7 +46,7 @@ def setting_name(key: Key) -> str:
 def setting_words(key: Key) -> str:
     """Name a receiver and what finds the panel for it, for people."""
     label = styles.receiver_styles([key.receiver])[key.receiver].label
-    return f"{label}, {LOCATED_BY[key.locator]}"
+    return f"{label}, {styles.LOCATED[key.locator]}"
 
 
 @dataclass(frozen=True)

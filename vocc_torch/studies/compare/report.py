@@ -126,9 +126,8 @@ def rate_texts(rate: Estimate) -> tuple[str, str]:
         >>> rate_texts(Estimate(0.0, 0.0, 1e-4))
         ('< 1.0e-4', '')
     """
-    if rate.value == 0:
-        return f"< {styles.rate_text(rate.high)}", ""
-    return styles.rate_text(rate.value), styles.ends_text(rate.low, rate.high)
+    text = styles.rate_or_limit(rate.value, rate.high)
+    return text, styles.ends_text(rate.low, rate.high) if rate.value else ""
 
 
 def ratio_text(ratio: Estimate) -> str:

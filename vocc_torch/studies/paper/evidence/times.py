@@ -61,7 +61,7 @@ def processing_time(
     style = Style("", plots.LOOK.off, "o", "-")
     stars = dict(enumerate(PAPER_SHARES.values()))
     label = "Time over that of panel detection"
-    rows = plots.Rows({"": (style, shares)}, label, stars=stars)
+    rows = plots.Rows([(style, shares)], label, stars=stars)
     note = timing.describe_machine(device)
     picture = plots.rows_figure([*PAPER_SHARES], [rows], title, note)
     return PaperFigure(numbers, picture)
