@@ -1,6 +1,6 @@
 """Heat maps of bit error rates, and the best LED luminance for each ambient light."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -169,24 +169,24 @@ def dimming_figure(
         ),
         2,
     )
-    places = dict(zip(grid.columns, np.arange(len(grid.columns)) + 0.5, strict=True))
     for map_axes, name in zip(axes, names, strict=True):
-        draw_best(map_axes, best_luminance(grid, name), places)
+        draw_best(map_axes, best_luminance(grid, name), grid.columns)
     return figure
 
 
-def draw_best(axes: Axes, bests: Sequence[Best], places: Mapping[float, float]) -> None:
+def draw_best(axes: Axes, bests: Sequence[Best], rows: Sequence[float]) -> None:
     """Draw the best luminances of a map, with bars over those not distinguishable from them."""
-    x = np.arange(len(bests)) + 0.08
-    middle = [np.mean([places[value] for value in best.least_cd_m2]) for best in bests]
+    middle = [
+        np.mean([rows.index(value) for value in best.least_cd_m2]) for best in bests
+    ]
     low, high = (
-        [places[best.candidates_cd_m2[end]] for best in bests] for end in (0, -1)
+        [rows.index(best.candidates_cd_m2[end]) for best in bests] for end in (0, -1)
     )
     reach = [np.subtract(middle, low), np.subtract(high, middle)]
     edge: list[AbstractPathEffect] = [withStroke(linewidth=2.8, foreground=LOOK.ink)]
     drawn = axes.errorbar(
-        x,
-        middle,
+        np.arange(len(bests)) + 0.08,
+        np.add(middle, 0.5),
         reach,
         color="white",
         marker="o",

@@ -83,9 +83,9 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
                 )
             grid = "" if names[0] == curve.COLUMNS[0] else names[0]
             for line in reader:
-                cells, parsed = {"": "", **line}, dict[str, Any]()
+                parsed: dict[str, Any] = {}
                 for name in columns:
-                    text, kind = printable(cells[name] or ""), kinds[name]
+                    text, kind = printable(line[name] or ""), kinds[name]
                     try:
                         # What an optional column has is a number.
                         parsed[name] = (
@@ -97,9 +97,9 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
                         )
                     except ValueError:
                         raise VoccError(
-                            f"{path}, line {reader.line_num}: {name} is {cells[name]!r}: it must be a number"
+                            f"{path}, line {reader.line_num}: {name} is {line[name]!r}: it must be a number"
                         ) from None
-                groups.setdefault((grid, cells[grid] or ""), []).append(
+                groups.setdefault((grid, line.get(grid) or ""), []).append(
                     curve.Row(**parsed)
                 )
     except (csv.Error, UnicodeDecodeError) as error:
@@ -164,9 +164,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                         a,
                         b,
                         paired.frames,
-                        found.value,
-                        found.low,
-                        found.high,
+                        *astuple(found),
                         int(found.real),
                         paired.a_worse,
                         paired.b_worse,
@@ -175,7 +173,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                     trained: Cells = (1, None, None, None, None)
                     if (of := curves.trained_pair(a, b, value)) is not None:
                         count = len(curves.trained[a, value].counts)
-                        trained = (count, of.value, of.low, of.high, int(of.real))
+                        trained = (count, *astuple(of), int(of.real))
                     lines.append((*line, *trained))
     write_rows(path, lines, short=True)
 
