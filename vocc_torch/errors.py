@@ -170,6 +170,7 @@ def demand_within(
     *,
     above: bool = False,
     null: bool = False,
+    hint: str = "",
 ) -> float | None:
     """Give a number from ``low`` (or ``above`` it) to ``high`` as a float, or refuse it by name.
 
@@ -180,6 +181,7 @@ def demand_within(
         high: the most.
         above: whether ``low`` itself is refused.
         null: whether None is allowed too.
+        hint: what to do instead, said where the value is ``low``.
 
     Example:
         >>> demand_within("record.fps", 0, 0, 1e6, above=True)
@@ -189,10 +191,13 @@ def demand_within(
     """
     if null and value is None:
         return None
-    ends = f"{'above' if above else 'at least'} {low:g} and at most {high:g}"
-    rule = ends + ", or null" * null
-    number = finite_number(name, value, f"a number, {rule}")
+    rule = f"{'above' if above else 'at least'} {low:g}"
+    rule += f" and at most {high:g}" if high < math.inf else ""
+    rule += ", or null" * null
+    kind = "" if isinstance(value, float) else "a number, "
+    number = finite_number(name, value, kind + rule)
     if number > high or number < low or (above and number == low):
+        rule += f" ({hint})" if hint and number == low else ""
         raise VoccError.of(name, f"{number:g}", rule)
     return number
 

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.reader import Readings
@@ -62,7 +63,7 @@ class Calibration:
                 )
 
     @classmethod
-    def of(cls, scores: torch.Tensor, bits: torch.Tensor) -> Self:
+    def of(cls, scores: Tensor, bits: Tensor) -> Self:
         """Learn from scores and the bits that were sent, (B,...) of B frames."""
         frame = (
             np.arange(len(scores)).repeat(scores[0].numel())
@@ -88,7 +89,7 @@ class Calibration:
         )
         return cls(off, on)
 
-    def __call__(self, scores: torch.Tensor) -> torch.Tensor:
+    def __call__(self, scores: Tensor) -> Tensor:
         """Turn scores into log-likelihood ratios, float64, of the scores' shape."""
         detached = scores.detach().double()
         on, off = self._tables
@@ -97,7 +98,7 @@ class Calibration:
         )
 
     @cached_property
-    def _tables(self) -> tuple[torch.Tensor, torch.Tensor]:
+    def _tables(self) -> tuple[Tensor, Tensor]:
         """Distances, sizes and the slopes behind them, (3,n) float64, of On and of Off."""
         with torch.inference_mode(False):  # normal tensors, for they are kept
             sides = [
@@ -114,13 +115,13 @@ class Calibration:
             return on, off
 
 
-def _interpolated(at: torch.Tensor, table: torch.Tensor) -> torch.Tensor:
+def _interpolated(at: Tensor, table: Tensor) -> Tensor:
     """Interpolate between ascending points, as ``np.interp`` does to the last bit, on any device."""
     places, values, slopes = table.to(at.device)
     at = at.clamp(max=places[-1])
     left = (torch.searchsorted(places, at, right=True) - 1).clamp(min=0)
     begin = places[left]
-    found: torch.Tensor = slopes[left] * (at - begin).clamp(min=0) + values[left]
+    found: Tensor = slopes[left] * (at - begin).clamp(min=0) + values[left]
     return found
 
 
@@ -173,7 +174,7 @@ def beyond_others(frames: NDArray[np.int64]) -> int:
     return len(frames) - (int(others[-1]) + 1 if len(others) else 0)
 
 
-def appearance(readings: Readings) -> torch.Tensor:
+def appearance(readings: Readings) -> Tensor:
     """Measure how panels look, (B,3) float64, in the order of ``APPEARANCE``.
 
     The pitch is a cell's mean side in the image, the level the mean grey value of the panel, and the contrast
@@ -193,7 +194,7 @@ Ranges = dict[str, tuple[float, float]]
 """Least and greatest of each of ``APPEARANCE``."""
 
 
-def ranges_of(seen: torch.Tensor) -> Ranges:
+def ranges_of(seen: Tensor) -> Ranges:
     """Give the ranges of what :func:`appearance` measured of at least one panel.
 
     They reach a twentieth further at either end: the scenes' own ends are hardly ever drawn.
@@ -211,7 +212,7 @@ HARDER_BELOW = ("pitch_px", "contrast")
 """What makes a panel harder to read where it is less: larger LEDs and more contrast are read more easily."""
 
 
-def harder(looks: torch.Tensor, ranges: Ranges) -> dict[str, torch.Tensor]:
+def harder(looks: Tensor, ranges: Ranges) -> dict[str, Tensor]:
     """Say which panels (B,) have smaller LEDs or less contrast than the ranges, where any has.
 
     Example:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import torch
+from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.types import Batched, without_autocast
@@ -15,7 +16,7 @@ from vocc_torch.types import Batched, without_autocast
 _FEW_PX = 1 << 12
 
 
-def close_mask(mask: torch.Tensor, size_px: int) -> torch.Tensor:
+def close_mask(mask: Tensor, size_px: int) -> Tensor:
     """Close a mask with a flat ``size_px`` x ``size_px`` square: Kornia's dilation, then its erosion.
 
     A row and then a column do what the square does. The plane goes on as background beyond the border. So a
@@ -65,7 +66,7 @@ def close_mask(mask: torch.Tensor, size_px: int) -> torch.Tensor:
     return plane[..., reach:-reach, :] > 0
 
 
-def halve_mask(mask: torch.Tensor) -> torch.Tensor:
+def halve_mask(mask: Tensor) -> Tensor:
     """Join each 2 x 2 block of pixels into one, foreground where any of them is.
 
     Args:
@@ -100,18 +101,18 @@ class Runs(Batched):
         size: masks, height and width.
     """
 
-    frame: torch.Tensor
-    row: torch.Tensor
-    start: torch.Tensor
-    end: torch.Tensor
-    pixels: torch.Tensor
+    frame: Tensor
+    row: Tensor
+    start: Tensor
+    end: Tensor
+    pixels: Tensor
     size: tuple[int, int, int]
 
     def __len__(self) -> int:
         """Count the stretches."""
         return int(self.row.shape[0])
 
-    def of(self, chosen: torch.Tensor) -> Self:
+    def of(self, chosen: Tensor) -> Self:
         """Return the runs of the masks chosen by a bool (B,); the masks are renumbered from 0."""
         if bool(chosen.all()):
             return self
@@ -133,13 +134,11 @@ class Components:
     """
 
     runs: Runs
-    label: torch.Tensor
-    area_px: torch.Tensor
-    frame: torch.Tensor
+    label: Tensor
+    area_px: Tensor
+    frame: Tensor
 
-    def at(
-        self, frame: torch.Tensor, row: torch.Tensor, column: torch.Tensor
-    ) -> torch.Tensor:
+    def at(self, frame: Tensor, row: Tensor, column: Tensor) -> Tensor:
         """Return the labels of pixels, 0 for background.
 
         Example:
@@ -157,7 +156,7 @@ class Components:
         return torch.where(inside, self.label[index], 0)
 
 
-def runs_of(mask: torch.Tensor) -> Runs:
+def runs_of(mask: Tensor) -> Runs:
     """Find the runs of each mask (B,H,W).
 
     Example:
@@ -182,7 +181,7 @@ def runs_of(mask: torch.Tensor) -> Runs:
     )
 
 
-def joined(mask: torch.Tensor, closed: Runs) -> Runs:
+def joined(mask: Tensor, closed: Runs) -> Runs:
     """Bound the foreground in each run of the closed masks; runs that hold none are left out.
 
     Each stretch lies in one component of the closed masks, and of any coarser closing of them.
@@ -208,7 +207,7 @@ def joined(mask: torch.Tensor, closed: Runs) -> Runs:
     return Runs(closed.frame[valid], closed.row[valid], *ends, high - low, closed.size)
 
 
-def label_components(mask: torch.Tensor) -> Components:
+def label_components(mask: Tensor) -> Components:
     """Label the 8-connected components of each mask, exactly.
 
     Labels ascend by the first 2 x 2 block, in raster order, that a component reaches. A mask without
@@ -239,7 +238,7 @@ def label_components(mask: torch.Tensor) -> Components:
     return Components(runs, label, area, frame)
 
 
-def _roots(runs: Runs) -> torch.Tensor:
+def _roots(runs: Runs) -> Tensor:
     """Return each run the least index of its component: roots are hooked, pointers jumped."""
     _, height, width = runs.size
     # Two columns more than there are, so that no run reaches into the row before or after; a row more, so
@@ -289,22 +288,22 @@ class Blobs:
         (2, [3, 1], [[1, 0], [0, 2]], [1, 1])
     """
 
-    frame: torch.Tensor
-    label: torch.Tensor
-    first_px: torch.Tensor
-    left_px: torch.Tensor
-    area_px: torch.Tensor
-    mask_px: torch.Tensor
-    first: torch.Tensor
-    last: torch.Tensor
-    components: torch.Tensor
+    frame: Tensor
+    label: Tensor
+    first_px: Tensor
+    left_px: Tensor
+    area_px: Tensor
+    mask_px: Tensor
+    first: Tensor
+    last: Tensor
+    components: Tensor
 
     def __len__(self) -> int:
         """Count the blobs."""
         return int(self.frame.shape[0])
 
 
-def largest(value: torch.Tensor, frame: torch.Tensor, most: int) -> torch.Tensor:
+def largest(value: Tensor, frame: Tensor, most: int) -> Tensor:
     """Return the labels of the ``most`` highest values of each frame; ties go to the lower label.
 
     Args:

@@ -58,7 +58,7 @@ def checked_features(features: Tensor, n_features: int) -> Tensor:
     if features.ndim < 1 or features.shape[-1] != n_features:
         rule = f"the last dimension must be n_features = {n_features}"
         raise VoccError(f"features has shape {tuple(features.shape)}: {rule}")
-    return features.to(torch.float64)
+    return features.double()
 
 
 def checked_samples(
@@ -181,7 +181,7 @@ class ClassScatter(Batched):
         """
         theirs = other.to(self.mean.device)
         count = self.count + theirs.count
-        share = (theirs.count / count.clamp(min=1).to(torch.float64))[..., None]
+        share = (theirs.count / count.clamp(min=1).double())[..., None]
         step = theirs.mean - self.mean
         spread = (
             step[..., None]
@@ -278,9 +278,7 @@ class Discriminant(NamedTuple):
         along such a direction too, Eq. 13 is infinite along it. There the variance is taken as 1 /
         CONDITION_LIMIT of the largest: the separating part rules, and scores stay finite.
         """
-        covariance = (
-            seen.within / seen.count.to(torch.float64).sum(dim=-1)[..., None, None]
-        )
+        covariance = seen.within / seen.count.double().sum(dim=-1)[..., None, None]
         rounding = (ROUNDING * seen.mean.detach().abs().amax(dim=-2)).clamp(
             min=SMALLEST
         )

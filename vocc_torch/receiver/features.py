@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import Literal, get_args
 
 import torch
+from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.types import PanelShape, are_finite, is_exporting
@@ -21,7 +22,7 @@ MOST_GREY = 1e9
 """Grey values beyond this are no grey values: sums of them might not fit float32."""
 
 
-def _samples_per_led(patches: torch.Tensor, shape: PanelShape) -> int:
+def _samples_per_led(patches: Tensor, shape: PanelShape) -> int:
     """Return K of patches (B,1,(R+2)K,(C+2)K); refuse patches of another ``shape`` or without floats."""
     samples = patches.shape[-1] // (shape.columns + 2)
     expected = ((shape.rows + 2) * samples, (shape.columns + 2) * samples)
@@ -36,7 +37,7 @@ def _samples_per_led(patches: torch.Tensor, shape: PanelShape) -> int:
     return samples
 
 
-def checked_greys(greys: torch.Tensor, name: str) -> torch.Tensor:
+def checked_greys(greys: Tensor, name: str) -> Tensor:
     """Return floating grey values, or refuse other values.
 
     Raises:
@@ -60,7 +61,7 @@ def checked_greys(greys: torch.Tensor, name: str) -> torch.Tensor:
     return greys
 
 
-def cell_means(patches: torch.Tensor, shape: PanelShape) -> torch.Tensor:
+def cell_means(patches: Tensor, shape: PanelShape) -> Tensor:
     """Mean grey value of every cell, the margin's included: (B,1,(R+2)K,(C+2)K) to (B,R+2,C+2).
 
     Raises:
@@ -73,14 +74,14 @@ def cell_means(patches: torch.Tensor, shape: PanelShape) -> torch.Tensor:
     return checked_greys(rectified_means(patches, shape), "cell means")
 
 
-def rectified_means(patches: torch.Tensor, shape: PanelShape) -> torch.Tensor:
+def rectified_means(patches: Tensor, shape: PanelShape) -> Tensor:
     """Give :func:`cell_means` of patches whose grey values were looked at as they were rectified."""
     return torch.nn.functional.avg_pool2d(patches, _samples_per_led(patches, shape))[
         :, 0
     ]
 
 
-def _ratio_to_panel(greys: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
+def _ratio_to_panel(greys: Tensor, means: Tensor) -> Tensor:
     """Ratios (B,N,R,C) to the panel's mean; on an all-black panel every LED equals the mean, so 0/0 is 1.
 
     Args:
@@ -93,7 +94,7 @@ def _ratio_to_panel(greys: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
     return ratio.clamp(max=torch.finfo(ratio.dtype).max)
 
 
-def average_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
+def average_greyscale_ratio(means: Tensor) -> Tensor:
     """AGR: an LED's mean grey over the panel's mean grey (Eq. 4).
 
     Args:
@@ -116,7 +117,7 @@ def average_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
     ]
 
 
-def neighbour_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
+def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
     """NGR: the mean grey of the eight neighbouring cells, background included, over the panel's mean (Eq. 9).
 
     Args:
@@ -136,7 +137,7 @@ def neighbour_greyscale_ratio(means: torch.Tensor) -> torch.Tensor:
     return _ratio_to_panel(_around(checked_greys(means, "means")), means)[:, 0]
 
 
-def _around(means: torch.Tensor) -> torch.Tensor:
+def _around(means: Tensor) -> Tensor:
     """Mean of the eight neighbours of each LED's cell, (B,R+2,C+2) to (B,1,R,C)."""
     return torch.nn.functional.conv2d(
         means.unsqueeze(1), _ring(means.dtype, means.device)
@@ -145,7 +146,7 @@ def _around(means: torch.Tensor) -> torch.Tensor:
 
 @lru_cache(maxsize=16)
 @torch.inference_mode(False)
-def _ring(dtype: torch.dtype, device: torch.device) -> torch.Tensor:
+def _ring(dtype: torch.dtype, device: torch.device) -> Tensor:
     """Kernel (1,1,3,3) that takes the mean of a cell's eight neighbours."""
     ring = torch.full((1, 1, 3, 3), 1 / 8, dtype=dtype, device=device)
     ring[..., 1, 1] = 0.0
@@ -154,7 +155,7 @@ def _ring(dtype: torch.dtype, device: torch.device) -> torch.Tensor:
 
 def radial_inward_field(
     samples_per_led: int, dtype: torch.dtype, device: torch.device
-) -> torch.Tensor:
+) -> Tensor:
     """Unit vectors towards the cell's centre at its K x K samples (Eq. 8), (2,K,K) as (x, y).
 
     At the centre itself, which is a sample for odd K, the direction is undefined and the vector is zero.
@@ -176,14 +177,14 @@ def radial_inward_field(
 @torch.inference_mode(False)
 def _inward_fields(
     samples: int, shape: PanelShape, dtype: torch.dtype, device: torch.device
-) -> torch.Tensor:
+) -> Tensor:
     """The inward field repeated for every LED of a panel, (2,R*K,C*K)."""
     return radial_inward_field(samples, dtype, device).repeat(
         1, shape.rows, shape.columns
     )
 
 
-def image_gradient(patches: torch.Tensor, kernel: Gradient) -> torch.Tensor:
+def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
     """Gradient (Eq. 5) in grey values a sample, (B,1,h,w) to (B,2,h,w) as (DX, DY), from dark to bright.
 
     Args:
@@ -221,12 +222,12 @@ def image_gradient(patches: torch.Tensor, kernel: Gradient) -> torch.Tensor:
 
 
 def gradient_radial_inwardness(
-    patches: torch.Tensor,
+    patches: Tensor,
     shape: PanelShape,
-    cell_width_px: torch.Tensor,
-    cell_height_px: torch.Tensor,
+    cell_width_px: Tensor,
+    cell_height_px: Tensor,
     kernel: Gradient = "sobel",
-) -> torch.Tensor:
+) -> Tensor:
     """GRI: the mean over an LED's cell of the gradient's component towards its centre (Eq. 7).
 
     Args:
@@ -262,12 +263,12 @@ def gradient_radial_inwardness(
 
 
 def _inwardness(
-    patches: torch.Tensor,
+    patches: Tensor,
     shape: PanelShape,
-    cell_width_px: torch.Tensor,
-    cell_height_px: torch.Tensor,
+    cell_width_px: Tensor,
+    cell_height_px: Tensor,
     kernel: Gradient,
-) -> torch.Tensor:
+) -> Tensor:
     """Give the GRI of finite patches and sizes, (B,R,C)."""
     samples = _samples_per_led(patches, shape)
     # One sample of margin is all that the gradient kernels need.
@@ -282,14 +283,14 @@ def _inwardness(
 
 
 def led_features(
-    patches: torch.Tensor,
-    means: torch.Tensor | None,
+    patches: Tensor,
+    means: Tensor | None,
     shape: PanelShape,
-    cell_width_px: torch.Tensor,
-    cell_height_px: torch.Tensor,
+    cell_width_px: Tensor,
+    cell_height_px: Tensor,
     kernel: Gradient,
     needed: Collection[str],
-) -> torch.Tensor:
+) -> Tensor:
     """Features of each LED, in the order of ``FEATURE_NAMES``; features that are not needed are zero.
 
     Args:
@@ -323,7 +324,7 @@ def led_features(
     return torch.stack([agr, gri, ngr], dim=-1)
 
 
-def preamble_threshold(on_greys: torch.Tensor, off_greys: torch.Tensor) -> torch.Tensor:
+def preamble_threshold(on_greys: Tensor, off_greys: Tensor) -> Tensor:
     """Threshold halfway between the mean grey of an all-On and of an all-Off preamble.
 
     Args:
@@ -354,7 +355,7 @@ def preamble_threshold(on_greys: torch.Tensor, off_greys: torch.Tensor) -> torch
     return threshold
 
 
-def greyscale_scores(greys: torch.Tensor, threshold: torch.Tensor) -> torch.Tensor:
+def greyscale_scores(greys: Tensor, threshold: Tensor) -> Tensor:
     """Grey values above the threshold, (B,R,C) and (B,1,1) to (B,R,C) float64; at least 0, so 0 too, is On.
 
     Raises:
@@ -364,7 +365,7 @@ def greyscale_scores(greys: torch.Tensor, threshold: torch.Tensor) -> torch.Tens
         >>> greyscale_scores(torch.tensor([[[160.0, 140.0]]]), torch.tensor([[[150.0]]])).tolist()
         [[[10.0, -10.0]]]
     """
-    scores = greys.to(torch.float64) - threshold
+    scores = greys.double() - threshold
     if not bool(scores.isfinite().all()):
         raise VoccError(
             "grey values or thresholds give a score that is not finite: both must be finite"

@@ -6,6 +6,7 @@ from contextlib import suppress
 from typing import Any, Self
 
 import torch
+from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.discriminant import (
@@ -54,9 +55,9 @@ class FLDA(torch.nn.Module):
         [False, True]
     """
 
-    count: torch.Tensor
-    mean: torch.Tensor
-    scatter: torch.Tensor
+    count: Tensor
+    mean: Tensor
+    scatter: Tensor
 
     def __init__(self, n_features: int) -> None:
         """Start without samples."""
@@ -87,16 +88,16 @@ class FLDA(torch.nn.Module):
         return self._solved()
 
     @property
-    def direction(self) -> torch.Tensor:
+    def direction(self) -> Tensor:
         """(F,) float64 discriminant vector w of Eq. 14; it points from Off to On."""
         return self._solved().direction
 
     @property
-    def threshold(self) -> torch.Tensor:
+    def threshold(self) -> Tensor:
         """Float64 scalar tensor: the midpoint of the projected class means, Eq. 19."""
         return self._solved().threshold
 
-    def fit(self, features: torch.Tensor, bits: torch.Tensor) -> Self:
+    def fit(self, features: Tensor, bits: Tensor) -> Self:
         """Forget all earlier samples and learn from these.
 
         Args:
@@ -114,7 +115,7 @@ class FLDA(torch.nn.Module):
         self._solved()
         return self
 
-    def update(self, features: torch.Tensor, bits: torch.Tensor) -> Self:
+    def update(self, features: Tensor, bits: Tensor) -> Self:
         """Add samples, in pieces of any size and order; arguments as in ``fit``, one class or none will do.
 
         Raises:
@@ -155,7 +156,7 @@ class FLDA(torch.nn.Module):
         part._store(chosen)
         return part
 
-    def decision_function(self, features: torch.Tensor) -> torch.Tensor:
+    def decision_function(self, features: Tensor) -> Tensor:
         """Score feature vectors: ``w . x - threshold``, at least 0 for On (Eq. 18); differentiable.
 
         A common offset cancels before anything is rounded, and a score does not depend on the batch it is in.
@@ -175,7 +176,7 @@ class FLDA(torch.nn.Module):
         scores = self._scores(features)
         return scores.to(features.dtype) if features.is_floating_point() else scores
 
-    def _scores(self, features: torch.Tensor) -> torch.Tensor:
+    def _scores(self, features: Tensor) -> Tensor:
         """Score feature vectors in float64."""
         scores = self.unchecked_scores(features)
         if not are_finite(scores):
@@ -186,21 +187,21 @@ class FLDA(torch.nn.Module):
             )
         return scores
 
-    def unchecked_scores(self, features: torch.Tensor) -> torch.Tensor:
+    def unchecked_scores(self, features: Tensor) -> Tensor:
         """Score finite feature vectors in float64 without a look at the result, which an accelerator waits for.
 
         Raises:
             VoccError: no samples of a class yet, or features of the wrong kind or shape.
         """
         points, rule = checked_features(features, self.n_features), self._solved()
-        scores: torch.Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
+        scores: Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
         return scores
 
-    def forward(self, features: torch.Tensor) -> torch.Tensor:
+    def forward(self, features: Tensor) -> Tensor:
         """Score feature vectors; the same as ``decision_function``."""
         return self.decision_function(features)
 
-    def predict(self, features: torch.Tensor) -> torch.Tensor:
+    def predict(self, features: Tensor) -> Tensor:
         """Decide bits (...) bool, True = On, from features (...,F): the score is at least 0 (Eq. 18).
 
         Raises:
@@ -250,9 +251,7 @@ class FLDA(torch.nn.Module):
             warnings.warn(f"FLDA: {complaint}", FLDAWarning, stacklevel=3)
         return solution
 
-    def _apply(
-        self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True
-    ) -> Self:
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
         # There are no modules within to recurse into.
         before, solution = (
@@ -272,15 +271,15 @@ class FLDA(torch.nn.Module):
         return self
 
     def _load_from_state_dict(
-        self, state: dict[str, torch.Tensor], prefix: str, *rest: Any
+        self, state: dict[str, Tensor], prefix: str, *rest: Any
     ) -> None:
         """Take over statistics, in their dtypes; an older version wrote sums as two numbers each."""
         for name in ("mean", "scatter"):
             if (smaller := state.pop(f"{prefix}{name}_rest", None)) is not None:
                 state[f"{prefix}{name}"] = state[f"{prefix}{name}"] + smaller
         super()._load_from_state_dict(state, prefix, *rest)
-        self.count, self.mean = self.count.to(torch.int64), self.mean.to(torch.float64)
-        self.scatter = self.scatter.to(torch.float64)
+        self.count, self.mean = self.count.long(), self.mean.double()
+        self.scatter = self.scatter.double()
         self._store(self.statistics)
 
 

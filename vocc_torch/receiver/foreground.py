@@ -195,7 +195,7 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
         [12, 5]
     """
     # Whole numbers: running sums of others have no fixed order.
-    counts = histogram.to(torch.int64)
+    counts = histogram.long()
     levels = torch.arange(_LEVELS, device=counts.device)
     below, mass = counts.cumsum(1), (counts * levels).cumsum(1)
     total, total_mass = below[:, -1:], mass[:, -1:]

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import torch
+from torch import Tensor
 
 from vocc_torch.receiver import lattice_model, resample
 from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Edges, Lattice, Model
@@ -69,7 +70,7 @@ def fit_lattice(frames: Frames, start: Lattice, face_light: float = NO_FACE) -> 
     return best
 
 
-def _read(frames: Frames, lattice: Lattice) -> torch.Tensor:
+def _read(frames: Frames, lattice: Lattice) -> Tensor:
     """Read the frames around the lattices; one that goes twice is read once."""
     corners = lattice.corners_px[: len(frames)]
     read = lattice_model.read_patches(frames, corners, lattice.shape, MARGIN)
@@ -78,7 +79,7 @@ def _read(frames: Frames, lattice: Lattice) -> torch.Tensor:
 
 def _improved(
     frames: Frames, lattice: Lattice, number: int, face_light: float
-) -> tuple[Lattice, Lattice, torch.Tensor]:
+) -> tuple[Lattice, Lattice, Tensor]:
     """Run step ``number``: lattices scored before it, lattices after it, and which (B,) need another step."""
     model = Model.of(_read(frames, lattice), lattice)
     unsettled = torch.full_like(
@@ -91,7 +92,7 @@ def _improved(
         face = lattice.face.to(light.dtype)[:, None, None]
         light = light - face * edges[0].value[:, :, None] * edges[1].value[:, None]
         bits, found = _two_levels(_amplitudes(light, model))
-        levels = lattice.levels if number else found.to(torch.float64)
+        levels = lattice.levels if number else found.double()
         lattice = replace(lattice, bits=bits, levels=levels)
         model = model.again(lattice)
     else:
@@ -113,14 +114,12 @@ def _improved(
     root = trust.sqrt().flatten(1)
     rest = (model.grey - predicted).flatten(1) * root
     jacobian = _changes(model, lattice) * (slope * root)[:, None]
-    variance = (rest.square().mean(1) + lattice_model.ROUNDING_DN**2).to(torch.float64)[
-        :, None
-    ]
-    curvature = (jacobian @ jacobian.mT).to(torch.float64) / variance[..., None]
+    variance = (rest.square().mean(1) + lattice_model.ROUNDING_DN**2).double()[:, None]
+    curvature = (jacobian @ jacobian.mT).double() / variance[..., None]
     stiffness = _STIFF if number < _STIFF_STEPS else _EXPECTED
     expected = torch.tensor((*stiffness, face_light), dtype=torch.float64)
     curvature += torch.diag(expected**-2).to(curvature.device)
-    slopes = (jacobian @ rest[..., None])[..., 0].to(torch.float64) / variance
+    slopes = (jacobian @ rest[..., None])[..., 0].double() / variance
     step = torch.linalg.solve(curvature, slopes)
     greatest = step[:, :8].abs().amax(1)
     step = step * (_MOST_CELLS / greatest.clamp(min=_MOST_CELLS))[:, None]
@@ -144,7 +143,7 @@ def _improved(
     return before, after, unsettled | (greatest >= _STILL_CELLS)
 
 
-def _changes(model: Model, lattice: Lattice) -> torch.Tensor:
+def _changes(model: Model, lattice: Lattice) -> Tensor:
     """Return the light's derivatives (B,14,H*W) by what :data:`_EXPECTED` lists, and by the face."""
     rows, columns, amplitude = model.rows, model.columns, lattice.amplitudes()
     (row_place, row_blur), (column_place, column_blur) = (
@@ -193,16 +192,14 @@ def _changes(model: Model, lattice: Lattice) -> torch.Tensor:
 
 @lru_cache(maxsize=32)
 @torch.inference_mode(False)
-def _fields(
-    shape: PanelShape, device: torch.device
-) -> tuple[torch.Tensor, torch.Tensor]:
+def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
     cells = corner_cells(shape)
     u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
     return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v]).to(device)
 
 
-def _amplitudes(light: torch.Tensor, model: Model) -> torch.Tensor:
+def _amplitudes(light: Tensor, model: Model) -> Tensor:
     """Fit an amplitude to each LED, (B,R,C), by least squares; white pixels may be any brighter.
 
     They are taken to be as bright as the fit says, and fitted again (Dempster, Laird and Rubin 1977).
@@ -210,14 +207,14 @@ def _amplitudes(light: torch.Tensor, model: Model) -> torch.Tensor:
     # Pseudo-inverses of the spots' profiles, near singular where spots melt together.
     inverses = []
     for value in (
-        model.rows.value.to(torch.float64),
-        model.columns.value.to(torch.float64),
+        model.rows.value.double(),
+        model.columns.value.double(),
     ):
         products = value.mT @ value
         products.diagonal(dim1=1, dim2=2).add_(1e-6)
-        inverses.append(torch.linalg.solve(products, value.mT).to(torch.float32))
+        inverses.append(torch.linalg.solve(products, value.mT).float())
     down, across = inverses
-    found: torch.Tensor = down @ light @ across.mT
+    found: Tensor = down @ light @ across.mT
     white = model.grey >= _SATURATED_DN
     some = white.flatten(1).any(1).nonzero()[:, 0]
     if len(some):
@@ -234,7 +231,7 @@ def _amplitudes(light: torch.Tensor, model: Model) -> torch.Tensor:
     return found
 
 
-def _two_levels(amplitude: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
     """Split amplitudes (B,R,C) into Off and On: bits, and class means (B,2); a single LED is On."""
     value = amplitude.flatten(1)
     if value.shape[1] == 1:
@@ -245,7 +242,7 @@ def _two_levels(amplitude: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     return amplitude > limits[:, None, None], means
 
 
-def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, torch.Tensor]:
+def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
     """Return lattices with bits flipped where that fits the picture better, and which frames (B,) changed."""
     width = 3 * SAMPLES
     place = (torch.arange(width, device=model.grey.device) + 0.5) / SAMPLES - 1.5
@@ -253,7 +250,7 @@ def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, torch.Te
         torch.exp(-((place / one[:, None]) ** 2) / 2)
         for one in lattice.blur.float().unbind(1)
     )
-    levels = lattice.levels.to(torch.float32)
+    levels = lattice.levels.float()
     change = (
         torch.where(lattice.bits, -1.0, 1.0)
         * (levels[:, 1] - levels[:, 0])[:, None, None]
@@ -269,13 +266,13 @@ def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, torch.Te
     return replace(lattice, bits=lattice.bits ^ turned), turned.flatten(1).any(1)
 
 
-def _around(plane: torch.Tensor) -> torch.Tensor:
+def _around(plane: Tensor) -> Tensor:
     """Cut the 3 x 3 cells around each LED out of (B,H,W): (B,R,C,3K,3K)."""
     width = 3 * SAMPLES
     return plane.unfold(1, width, SAMPLES).unfold(2, width, SAMPLES)
 
 
-def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, torch.Tensor]:
+def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
     """Return lattices moved by a cell where an outer line of Off LEDs was missed, and which (B,) moved.
 
     Such a line gives little light, so a fit may rest a line too far to the other side. Each side is tried:

@@ -63,7 +63,7 @@ class Lattice(Batched):
         bits = none.new_zeros(
             len(corners_px), shape.rows, shape.columns, dtype=torch.bool
         )
-        light = linear_light(background_dn.to(torch.float64))
+        light = linear_light(background_dn.double())
         levels, face = none[:2].mT.clone(), none[0]
         return cls(
             corners_px.clone(),
@@ -82,7 +82,7 @@ class Lattice(Batched):
 
     def amplitudes(self) -> Tensor:
         """(B,R,C) float32 light of each LED."""
-        levels = self.levels.to(torch.float32)
+        levels = self.levels.float()
         return torch.where(self.bits, levels[:, 1:, None], levels[:, :1, None])
 
 
@@ -92,7 +92,7 @@ def read_patches(
     """Resample grey values around the panel, (B,(R+2m)K,(C+2m)K) float32 with K = ``SAMPLES``."""
     return rectify(frames, Panels.known(corners_px), shape, SAMPLES, margin=margin)[
         :, 0
-    ].to(torch.float32)
+    ].float()
 
 
 class Spots(NamedTuple):
@@ -114,7 +114,7 @@ class Spots(NamedTuple):
     def of(cls, leds: int, blur: Tensor) -> Self:
         """Compute the profiles of ``leds`` spots along an axis from their standard deviations (B,), cells."""
         apart, lever = _axis(leds, blur.device)
-        width = blur.to(torch.float32)[:, None, None]
+        width = blur.float()[:, None, None]
         offset = apart / width
         return cls(torch.exp(-(offset**2) / 2), offset, width, lever)
 
@@ -159,7 +159,7 @@ class Edges(NamedTuple):
             blur: of the spots.
             moved_cells: by which the panel is moved along the axis.
         """
-        width = EDGE_OF_BLUR * blur.to(torch.float32)[:, None]
+        width = EDGE_OF_BLUR * blur.float()[:, None]
         samples = sample_cells(leds, SAMPLES, MARGIN).to(width) - moved_cells
         ends = samples / width, (samples - leds) / width
         rises = [torch.special.ndtr(end) for end in ends]
@@ -278,7 +278,7 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
     basis = torch.linalg.qr(spots)[0]
     row, column = torch.triu_indices(spots.shape[1], spots.shape[1])
     halves = (basis @ basis.mT)[:, row, column] * torch.where(row == column, 1.0, 2.0)
-    projectors = halves.mT.to(torch.float32).contiguous()
+    projectors = halves.mT.float().contiguous()
     upper = row * spots.shape[1] + column
     return tuple(one.to(device) for one in (pitch, shift, projectors, upper))
 

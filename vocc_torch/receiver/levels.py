@@ -48,7 +48,7 @@ def two_levels(values: Tensor) -> tuple[Tensor, Tensor]:
         >>> limits.tolist(), means.tolist()
         ([5.0, 3.0], [[0.5, 9.5], [3.0, 3.0]])
     """
-    ordered = values.to(torch.float64).sort(dim=1).values
+    ordered = values.double().sort(dim=1).values
     count = ordered.shape[1]
     if count == 1:
         return ordered[:, 0], ordered.expand(-1, 2)

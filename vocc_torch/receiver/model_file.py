@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from vocc_torch.errors import VoccError, printable, shown
 from vocc_torch.files import read_file, write_atomically
@@ -44,9 +45,7 @@ def _checksum(content: Mapping[str, object]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def write_model(
-    path: Path, settings: Settings, state: Mapping[str, torch.Tensor]
-) -> None:
+def write_model(path: Path, settings: Settings, state: Mapping[str, Tensor]) -> None:
     """Write settings and a classifier's state, whole or not at all.
 
     Args:
@@ -69,7 +68,7 @@ def write_model(
     write_atomically(path, text)
 
 
-def arrays_as_json(state: Mapping[str, torch.Tensor]) -> Settings:
+def arrays_as_json(state: Mapping[str, Tensor]) -> Settings:
     """Write tensors as what JSON can hold; :func:`array_of` reads one back.
 
     Raises:
@@ -97,7 +96,7 @@ def read_model(
     path: Path,
     what: str = "model",
     wanted: str = "the receiver.pt that task=train wrote",
-) -> tuple[Settings, dict[str, torch.Tensor]]:
+) -> tuple[Settings, dict[str, Tensor]]:
     """Read a file of :func:`write_model`; refusals name ``what`` it should be and what is ``wanted``.
 
     Raises:
@@ -162,7 +161,7 @@ def whole(digits: str) -> int:
     return number
 
 
-def array_of(array: Mapping[str, Any]) -> torch.Tensor:
+def array_of(array: Mapping[str, Any]) -> Tensor:
     """Read one array that :func:`arrays_as_json` wrote."""
     if (name := array["dtype"]) not in _DTYPES:
         raise ValueError

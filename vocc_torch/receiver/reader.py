@@ -246,4 +246,4 @@ class Reader:
         ):
             said = f"feature {feature.name} gave {kind_of(values)}"
             raise VoccError(f"{said}: it must give finite numbers of shape {size}")
-        return values.to(torch.float64).unsqueeze(-1)
+        return values.double().unsqueeze(-1)

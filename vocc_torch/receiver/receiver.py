@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 import torch
+from torch import Tensor
 
 from vocc_torch import __version__
 from vocc_torch.boundary import checked, demand_fields
@@ -46,15 +47,15 @@ class Decoded(NamedTuple):
             unknown.
     """
 
-    bits: torch.Tensor
-    scores: torch.Tensor
-    corners_px: torch.Tensor
-    found: torch.Tensor
-    panel_score: torch.Tensor
-    candidates: torch.Tensor
-    llr: torch.Tensor
-    appearance: torch.Tensor
-    false_alarms: torch.Tensor
+    bits: Tensor
+    scores: Tensor
+    corners_px: Tensor
+    found: Tensor
+    panel_score: Tensor
+    candidates: Tensor
+    llr: Tensor
+    appearance: Tensor
+    false_alarms: Tensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +101,7 @@ class StagedReceiver:
             )
         return self.locator(frames, self.reader.shape)
 
-    def rectify(self, frames: Frames, panels: Panels) -> torch.Tensor | None:
+    def rectify(self, frames: Frames, panels: Panels) -> Tensor | None:
         """Resample located panels, (B,1,(R+2)K,(C+2)K); None where only single pixels are read."""
         if not self.bank.needs_patches:
             return None
@@ -110,7 +111,7 @@ class StagedReceiver:
         self,
         frames: Frames,
         panels: Panels,
-        patches: torch.Tensor | None,
+        patches: Tensor | None,
         also: Sequence[str] = (),
     ) -> Readings:
         """Measure what the receivers decide on; features and grey values that none needs are zeros.
@@ -133,7 +134,7 @@ class StagedReceiver:
 
     def decide(
         self, readings: Readings, preambles: Preambles | None = None
-    ) -> dict[str, torch.Tensor]:
+    ) -> dict[str, Tensor]:
         """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On (Eq. 18).
 
         Raises:
@@ -146,7 +147,7 @@ class StagedReceiver:
         frames: Images,
         panels: Panels | None = None,
         preambles: Preambles | None = None,
-    ) -> dict[str, torch.Tensor]:
+    ) -> dict[str, Tensor]:
         """Run all stages; location is left out where the panels are known."""
         frames = Frames.of(frames)
         located = self.locate(frames) if panels is None else panels
@@ -170,7 +171,7 @@ class Receiver(torch.nn.Module):
         VoccError: an unknown name, or a classifier for other features.
     """
 
-    _place: torch.Tensor
+    _place: Tensor
 
     def __init__(
         self,
@@ -283,7 +284,7 @@ class Receiver(torch.nn.Module):
         )
         return Decoded(bits, scores, *judged, llr * found, appearance(readings), stated)
 
-    def score(self, readings: Readings) -> torch.Tensor:
+    def score(self, readings: Readings) -> Tensor:
         """Score every LED of located panels, (B,R,C) float64; at least 0 is On."""
         return self.decider.score(readings)
 
@@ -314,9 +315,7 @@ class Receiver(torch.nn.Module):
         )
         self.decider = decider.to(self.device)
 
-    def _apply(
-        self, fn: Callable[[torch.Tensor], torch.Tensor], recurse: bool = True
-    ) -> Self:
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
         """Follow moves between devices with what decides, which is no module."""
         super()._apply(fn, recurse)  # type: ignore[no-untyped-call]  # torch has no hints here
         self.decider = self.decider.to(self.device)

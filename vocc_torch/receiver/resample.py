@@ -112,7 +112,7 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
         >>> cell_homography(corners, PanelShape(8, 8))[0].round(decimals=6).tolist()
         [[1.0, 0.0, 2.0], [0.0, 1.0, 3.0], [0.0, 0.0, 1.0]]
     """
-    corners = corners_px.to(torch.float64)
+    corners = corners_px.double()
     if not holds(corners.abs() <= SETTINGS.most_px):
         most = float(corners.abs().max())
         raise VoccError(
@@ -161,7 +161,7 @@ def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]
         >>> [float(size) for size in cell_size_px(corners, PanelShape(8, 8))]
         [2.0, 3.0]
     """
-    corners = corners_px.to(torch.float64)
+    corners = corners_px.double()
     length = (corners.roll(-1, 1) - corners).square().sum(2).sqrt()
     width, height = ((length[:, :2] + length[:, 2:]) / 2).unbind(1)
     return width / shape.columns, height / shape.rows

@@ -96,14 +96,13 @@ def _power(base: Tensor, exponent: float) -> Tensor:
         flat = base.reshape(-1)
         parts = torch.split(flat, BLOCK_VALUES) if base.is_cpu else [flat]
         powers = [
-            part.to(torch.float64).log().mul_(exponent).exp_().to(base.dtype)
-            for part in parts
+            part.double().log().mul_(exponent).exp_().to(base.dtype) for part in parts
         ]
         return torch.cat(powers).view(base.shape)
     lit = base >= torch.finfo(base.dtype).tiny
-    smooth = torch.exp(
-        torch.log(torch.where(lit, base, 1.0).to(torch.float64)) * exponent
-    ).to(base.dtype)
+    smooth = torch.exp(torch.log(torch.where(lit, base, 1.0).double()) * exponent).to(
+        base.dtype
+    )
     # A detached tensor has its tangent still.
     return torch.where(lit, smooth, _power(_dual(base.detach())[0], exponent))
 

@@ -272,7 +272,7 @@ def polygon_cover(corners_px: Tensor, height: int, width: int) -> Tensor:
         >>> polygon_cover(triangle, height=2, width=3).tolist()
         [[[1.0, 0.5, 0.0], [0.5, 0.0, 0.0]]]
     """
-    start = corners_px.to(torch.float64)
+    start = corners_px.double()
     stop = start.roll(-1, dims=1)
     cover = start.new_zeros(len(start), height, width)
     top, bottom = _range(start[..., 1], height)

@@ -34,7 +34,6 @@ def columns(*names: str) -> list[int]:
     return [COLUMN[name] for name in names]
 
 
-@dataclass(frozen=True)
 class FramePose(Effect, on=Quantity.PLACEMENT):
     """The pose of each frame, where a scene has one distribution for all.
 
@@ -56,7 +55,6 @@ class FramePose(Effect, on=Quantity.PLACEMENT):
         )
 
 
-@dataclass(frozen=True)
 class LedWeights(Effect, on=Quantity.LED_LUMINANCE):
     """The light that each LED adds to the background's, in units of it.
 

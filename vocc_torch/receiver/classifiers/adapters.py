@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import one_line
@@ -47,8 +48,8 @@ class TorchClassifier:
         self.recipe = recipe or TrainingRecipe()
         self.losses: list[float] = []
         self.earlier_s = 0.0
-        self._mean: torch.Tensor | None = None
-        self._spread: torch.Tensor | None = None
+        self._mean: Tensor | None = None
+        self._spread: Tensor | None = None
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
         """Train on ``recipe.frames`` panels of the stream, independently of the study's budget."""
@@ -64,7 +65,7 @@ class TorchClassifier:
             count += len(part)
         return self.fit(x[:count], bits[:count])
 
-    def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Learn from panels (B,R,C,F); the last of them are held back for validation.
 
         Raises:
@@ -106,7 +107,7 @@ class TorchClassifier:
             )
         return self
 
-    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
+    def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED by the logarithm of the odds of On.
 
         Raises:
@@ -117,9 +118,9 @@ class TorchClassifier:
         self.module.eval()
         with torch.inference_mode():
             scores = self._score(self._scaled(_leds(x)))
-        return scores.reshape(x.shape[:-1]).to(torch.float64)
+        return scores.reshape(x.shape[:-1]).double()
 
-    def predict(self, x: torch.Tensor) -> torch.Tensor:
+    def predict(self, x: Tensor) -> Tensor:
         """Decide every LED."""
         return self.decision_function(x) >= 0
 
@@ -128,7 +129,7 @@ class TorchClassifier:
         """How many numbers decide."""
         return sum(parameter.numel() for parameter in self.module.parameters())
 
-    def state_dict(self) -> dict[str, torch.Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """The learned state: the module's parameters and the scale of the inputs.
 
         Raises:
@@ -141,7 +142,7 @@ class TorchClassifier:
         }
         return {**learned, "mean": self._mean, "spread": self._spread}
 
-    def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Take up what :meth:`state_dict` gave."""
         module_state = {
             name.partition(".")[2]: value
@@ -151,13 +152,13 @@ class TorchClassifier:
         self.module.load_state_dict(module_state)
         self._mean, self._spread = state["mean"], state["spread"]
 
-    def _scaled(self, rows: torch.Tensor) -> torch.Tensor:
+    def _scaled(self, rows: Tensor) -> Tensor:
         """Bring inputs to mean 0 and spread 1."""
         assert self._mean is not None
         assert self._spread is not None
         return (rows - self._mean) / self._spread
 
-    def _score(self, rows: torch.Tensor) -> torch.Tensor:
+    def _score(self, rows: Tensor) -> Tensor:
         """Return the module's score of each row, (N,), or refuse another number of them."""
         try:
             scores = self.module(rows)
@@ -167,16 +168,16 @@ class TorchClassifier:
             raise VoccError(
                 f"forward failed on {tuple(rows.shape)} ({one_line(error)})"
             ) from error
-        if not isinstance(scores, torch.Tensor) or scores.numel() != rows.shape[0]:
+        if not isinstance(scores, Tensor) or scores.numel() != rows.shape[0]:
             raise VoccError(
                 f"the module gave {kind_of(scores)} for {len(rows)} LEDs: it must give one score each"
             )
         return scores.reshape(-1)
 
 
-def _leds(x: torch.Tensor) -> torch.Tensor:
+def _leds(x: Tensor) -> Tensor:
     """Flatten the LEDs of all panels to rows, (N,F) float32."""
-    return x.reshape(-1, x.shape[-1]).to(torch.float32)
+    return x.reshape(-1, x.shape[-1]).float()
 
 
 def is_estimator(value: object) -> bool:
@@ -222,14 +223,14 @@ class SklearnClassifier:
             )
         self.estimator = estimator
 
-    def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Fit the estimator on all LEDs."""
         self.estimator.fit(
             _leds(x).cpu().numpy(), bits.reshape(-1).cpu().numpy().astype(np.int64)
         )
         return self
 
-    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
+    def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED: the estimator's score, or its probability of On or its prediction less a half.
 
         Raises:
@@ -249,7 +250,7 @@ class SklearnClassifier:
             scores = np.asarray(self.estimator.predict(rows)) - 0.5
         return _as_leds(np.asarray(scores, dtype=np.float64), x)
 
-    def predict(self, x: torch.Tensor) -> torch.Tensor:
+    def predict(self, x: Tensor) -> Tensor:
         """Decide every LED, as the estimator itself does."""
         if not hasattr(self.estimator, "predict"):
             return self.decision_function(x) >= 0
@@ -267,7 +268,7 @@ class SklearnClassifier:
         return int(np.size(last.coef_) + np.size(last.intercept_))
 
 
-def _as_leds(given: NDArray[Any], x: torch.Tensor) -> torch.Tensor:
+def _as_leds(given: NDArray[Any], x: Tensor) -> Tensor:
     """Return an estimator's answers as (B,R,C); the guard refuses another number of them, by name."""
     answers = torch.as_tensor(given)
     fits = answers.numel() == x.shape[:-1].numel()

@@ -74,7 +74,7 @@ class Patch:
         if per_cell % self.samples:
             rule = f"receiver.samples_per_led, {per_cell}, must be a multiple of it"
             raise VoccError(f"inputs.patch.samples is {self.samples}: {rule}")
-        light = readings.patches.to(torch.float32) / WHITE
+        light = readings.patches.float() / WHITE
         light = light**self.gamma if self.domain == "exposure" else light
         light = torch.nn.functional.avg_pool2d(light, per_cell // self.samples)
         inner = light[..., self.samples : -self.samples, self.samples : -self.samples]
@@ -93,7 +93,7 @@ class Patch:
         values = windows.flatten(start_dim=3)
         for is_input, column in (
             (self.level, mean),
-            (self.pitch, readings.cell_px.to(torch.float32).mean(dim=1)),
+            (self.pitch, readings.cell_px.float().mean(dim=1)),
         ):
             if is_input:
                 values = torch.cat(
@@ -185,7 +185,7 @@ class Inputs:
         """
         demand_features(self.features, readings.names)
         columns = [readings.names.index(name) for name in self.features]
-        features = readings.features[..., columns].to(torch.float32)
+        features = readings.features[..., columns].float()
         if self.patch is None:
             return features
         return torch.cat([features, self.patch.of(readings)], dim=-1)

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from vocc_torch.boundary import demand_fields
 from vocc_torch.errors import VoccError
@@ -113,7 +113,7 @@ def seeded(seed: int) -> Iterator[None]:
         random.setstate(state)
 
 
-def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
+def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """Take what a trained classifier has learned.
 
     One with ``state_dict`` and ``load_state_dict`` says it itself, an estimator is packed by skops, and of
@@ -140,9 +140,9 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
     if callable(getattr(classifier, "state_dict", None)):
         return {}, dict(classifier.state_dict())
     values: dict[str, Any] = {}
-    arrays: dict[str, torch.Tensor] = {}
+    arrays: dict[str, Tensor] = {}
     for name, value in vars(classifier).items():
-        if isinstance(value, torch.Tensor | np.ndarray):
+        if isinstance(value, Tensor | np.ndarray):
             arrays[name] = torch.as_tensor(value)
             values |= (
                 {NUMPY: [*values.get(NUMPY, []), name]}
@@ -163,7 +163,7 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
 
 def admitted(
     settings: Mapping[str, Any],
-    arrays: Mapping[str, torch.Tensor],
+    arrays: Mapping[str, Tensor],
     plug_ins: Sequence[str],
 ) -> PlugIn:
     """Read a classifier's plug-in from a model file; one whose code was not named is refused.
@@ -190,7 +190,7 @@ def restored(
     plug_in: PlugIn,
     inputs: Inputs,
     values: Mapping[str, Any],
-    arrays: Mapping[str, torch.Tensor],
+    arrays: Mapping[str, Tensor],
 ) -> Guarded:
     """Build a classifier that knows what :func:`state_of` took.
 
@@ -251,9 +251,7 @@ def restored(
         ) from error
 
 
-def demand_size(
-    plug_in: PlugIn, inputs: Inputs, arrays: Mapping[str, torch.Tensor]
-) -> None:
+def demand_size(plug_in: PlugIn, inputs: Inputs, arrays: Mapping[str, Tensor]) -> None:
     """Refuse a network of other sizes than its arrays, before it takes memory.
 
     Raises:
@@ -272,7 +270,7 @@ def demand_size(
 def demand_learned(
     begun: Mapping[str, object],
     values: Mapping[str, Any],
-    arrays: Mapping[str, torch.Tensor],
+    arrays: Mapping[str, Tensor],
 ) -> None:
     """Refuse attributes that a classifier that ships does not learn: its arguments say the others.
 
@@ -296,7 +294,7 @@ def demand_learned(
 
 def loaded(
     settings: Mapping[str, Any],
-    arrays: Mapping[str, torch.Tensor],
+    arrays: Mapping[str, Tensor],
     plug_ins: Sequence[str],
 ) -> Guarded:
     """Build a classifier from what :meth:`Guarded.model` gave.

@@ -161,7 +161,7 @@ class Guarded:
             )
         if not holds(torch.isfinite(scores)):
             raise VoccError(f"{refusal} scores that are not finite")
-        return scores.detach().to(torch.float64)
+        return scores.detach().double()
 
     def _answer(self, what: str, call: Callable[[Tensor], Tensor], x: Tensor) -> Tensor:
         """Call a method on ``x``; refuse a result that is not one number per LED."""

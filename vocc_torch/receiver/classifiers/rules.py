@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Self
 
 import torch
+from torch import Tensor
 
 from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.receiver import discriminant, foreground
@@ -18,7 +19,7 @@ MOST_ROUNDS = 100
 class _Scored:
     """What decides by its scores alone."""
 
-    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
+    def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED, (B,R,C); at least 0 is On.
 
         Raises:
@@ -26,7 +27,7 @@ class _Scored:
         """
         raise NotImplementedError
 
-    def predict(self, x: torch.Tensor) -> torch.Tensor:
+    def predict(self, x: Tensor) -> Tensor:
         """Decide every LED."""
         return self.decision_function(x) >= 0
 
@@ -44,7 +45,7 @@ class FldaClassifier(_Scored):
     def __init__(self) -> None:
         self._rule: discriminant.Discriminant | None = None
 
-    def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Learn from panels held in memory."""
         self._rule = FLDA(x.shape[-1]).to(x.device).fit(x, bits).rule
         return self
@@ -58,7 +59,7 @@ class FldaClassifier(_Scored):
         self._rule = None if flda is None else flda.rule
         return self
 
-    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
+    def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED; Eq. 18.
 
         Raises:
@@ -66,11 +67,11 @@ class FldaClassifier(_Scored):
         """
         return _fitted(self._rule).scores(x)
 
-    def state_dict(self) -> dict[str, torch.Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """The learned state: direction, threshold and centre."""
         return _fitted(self._rule)._asdict()
 
-    def load_state_dict(self, state: Mapping[str, torch.Tensor]) -> None:
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Take up what :meth:`state_dict` gave."""
         self._rule = discriminant.Discriminant(**state)
 
@@ -110,10 +111,10 @@ class LmmseEqualizer(_Scored):
                 f"classes is {classes}, ridge is {ridge:g}: at least 1 and 0 are allowed"
             )
         self.classes, self.ridge = classes, ridge
-        self._centres: torch.Tensor | None = None
-        self._weights: torch.Tensor | None = None
+        self._centres: Tensor | None = None
+        self._weights: Tensor | None = None
 
-    def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Solve the normal equations of each class in float64."""
         rows, size = self._split(x)
         target = bits.double() * 2 - 1
@@ -138,7 +139,7 @@ class LmmseEqualizer(_Scored):
         self._centres, self._weights = edges[1::2].contiguous(), torch.stack(weights)
         return self
 
-    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
+    def decision_function(self, x: Tensor) -> Tensor:
         """Estimate every bit as a number about -1 or +1.
 
         Raises:
@@ -164,7 +165,7 @@ class LmmseEqualizer(_Scored):
         """How many numbers decide."""
         return 0 if self._weights is None else self._weights.numel()
 
-    def _split(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def _split(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Split inputs into light and a constant 1, (B,R,C,F) float64, and the panels' cell sizes (B,)."""
         light, size = (
             (x[..., :-1], x[:, 0, 0, -1])
@@ -179,7 +180,7 @@ class _Untrained(_Scored):
 
     parameters_count = 0
 
-    def fit(self, x: torch.Tensor, bits: torch.Tensor) -> Self:
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Learn nothing."""
         return self
 
@@ -199,16 +200,14 @@ class PanelOtsu(_Untrained):
         [[[False, False], [True, True]]]
     """
 
-    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
+    def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED by its distance from the threshold, in grey values of 0 to 255."""
         greys = (x * 255.0).round().clamp(0, 255).to(torch.uint8)
         threshold = foreground.otsu_threshold(
             foreground.histogram256(greys.flatten(1)[:, None, None])
         )
         # Otsu's foreground begins above the threshold's whole grey value.
-        return (x.to(torch.float64).mean(dim=-1) * 255.0) - (
-            threshold.view(-1, 1, 1) + 0.5
-        )
+        return (x.double().mean(dim=-1) * 255.0) - (threshold.view(-1, 1, 1) + 0.5)
 
 
 class PanelKMeans(_Untrained):
@@ -219,9 +218,9 @@ class PanelKMeans(_Untrained):
         [[[False, False], [True, True]]]
     """
 
-    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
+    def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED by its distance from the middle between the clusters."""
-        means = x.to(torch.float64).mean(dim=-1)
+        means = x.double().mean(dim=-1)
         return means - two_levels(means.flatten(1))[0].view(-1, 1, 1)
 
 
@@ -253,9 +252,9 @@ class TagPlanes(_Untrained):
         whole_number("rounds", rounds, 1, MOST_ROUNDS)
         self.sharpening, self.rounds = sharpening, rounds
 
-    def decision_function(self, x: torch.Tensor) -> torch.Tensor:
+    def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED by its distance from the plane between black and white."""
-        cells = x.to(torch.float64)
+        cells = x.double()
         beside = cells[..., [1, 3, 5, 7]].mean(dim=-1)
         centre = cells[..., 4]
         sharp = centre + self.sharpening * 4 * (centre - beside)
@@ -266,7 +265,7 @@ class TagPlanes(_Untrained):
         return scores
 
 
-def _plane(values: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
+def _plane(values: Tensor, chosen: Tensor) -> Tensor:
     """Fit a plane over rows and columns to the chosen cells, (B,R,C) both; few give about their mean."""
     down, across = torch.meshgrid(
         *(_steps(values, size) for size in values.shape[1:]), indexing="ij"
@@ -293,7 +292,7 @@ def _plane(values: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
     return torch.where(lacking, values.mean(dim=(1, 2), keepdim=True), level)
 
 
-def _steps(values: torch.Tensor, size: int) -> torch.Tensor:
+def _steps(values: Tensor, size: int) -> Tensor:
     """Return ``size`` places from -1 to 1; a single one lies at 0."""
     ends = (-1, 1) if size > 1 else (0, 0)
     return torch.linspace(*ends, size, dtype=values.dtype, device=values.device)

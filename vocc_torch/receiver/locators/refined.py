@@ -152,7 +152,7 @@ class RefinedLocator(PanelLocator):
     def _in_crops(self, crops: Frames, shape: PanelShape) -> Panels:
         """Find panels in crops with a known surround."""
         assert crops.surround is not None
-        background = crops.surround.to(torch.float32)
+        background = crops.surround.float()
         noise = torch.zeros_like(background)
         limit = (background + REFINED.rise_dn).floor().long()
         panels, _ = self.paper.choose(crops, limit, shape)

@@ -4,7 +4,6 @@ import functools
 import hashlib
 import importlib.util
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,6 @@ from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import Sketch
 
 
-@dataclass(frozen=True, slots=True)
 class Photographs(Backdrop):
     """Photographs of a folder behind the panel, at a random place, scale and brightness in each frame.
 
@@ -179,7 +177,6 @@ def light_of(
     return scaled.astype(np.float32)
 
 
-@dataclass(frozen=True, slots=True)
 class Leaves(street.Sketched):
     """Overlapping shapes of all sizes, plain or patterned, some of them lamps.
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
@@ -61,7 +60,6 @@ def power_law_noise(generator: Generator, size: raster.Size, beta: float) -> Sin
     return plane * np.float32(1 / rms if rms > 0 else 0)
 
 
-@dataclass(frozen=True, slots=True)
 class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
     """A texture of mean 1 times the background, ``exp(s g) / mean(exp(s g))``, ``s^2 = ln(1 + c^2)``.
 
@@ -120,7 +118,6 @@ class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
         return value * torch.stack(parts).unsqueeze(1).to(value)
 
 
-@dataclass(frozen=True, slots=True)
 class Lamps(Effect, on=Quantity.BACKGROUND):
     """Round lamps at random places behind the panel, each covering the exact area of its disc.
 
@@ -207,7 +204,6 @@ FARTHEST_M = 100.0
 """Largest offset on offer along an axis."""
 
 
-@dataclass(frozen=True, slots=True)
 class SecondPanel(Effect, on=Quantity.BACKGROUND):
     """A second panel of the same kind in the same plane, which sends its own data.
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import StrEnum
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar, dataclass_transform
 
 import numpy as np
 import torch
@@ -15,7 +15,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, whole_number
+from vocc_torch.errors import VoccError, demand_within, whole_number
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.plugins import one_line
 from vocc_torch.rng import FrameKey
@@ -168,15 +168,7 @@ def within(
         **rules: ``above``, whether ``low`` itself is refused; ``hint``, what to do instead, said where the
             value is ``low``; ``whole``, whether it is a whole number.
     """
-    rule = {
-        "low": low,
-        "high": high,
-        "above": False,
-        "hint": "",
-        "whole": False,
-        **rules,
-    }
-    return field(default=default, metadata=rule)
+    return field(default=default, metadata={"low": low, "high": high, **rules})
 
 
 def _is_ours(kind: type) -> bool:
@@ -184,9 +176,12 @@ def _is_ours(kind: type) -> bool:
     return kind.__module__.startswith("vocc_torch.")
 
 
+@dataclass_transform(frozen_default=True, field_specifiers=(within, field))
 @dataclass(frozen=True)
 class Effect(ABC):
     """One physical effect: a frozen dataclass of its parameters, called on the quantity that it takes.
+
+    The package's own effects are made dataclasses here; a class from outside is decorated as one.
 
     A subclass says in its head which quantity it takes, ``class Blooming(Effect, on=Quantity.EXPOSURE)``, and
     with ``to`` which it gives where that is another. Its name in a scene is the class's, ``led_scatter`` for
@@ -224,6 +219,8 @@ class Effect(ABC):
             cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
         if on is not None:
             cls.takes, cls.gives = on, to or on
+        if _is_ours(cls):
+            dataclass(frozen=True)(cls)
         if _is_ours(cls) or "target" in cls.__dict__:
             return
         cls.target = f"{cls.__module__}.{cls.__qualname__}"
@@ -247,7 +244,7 @@ class Effect(ABC):
     def __post_init__(self) -> None:
         """Refuse by name a parameter outside its range; where a distribution may stand, a number is one."""
         for parameter in fields(self):
-            rule, setting = parameter.metadata, getattr(self, parameter.name)
+            rule, setting = dict(parameter.metadata), getattr(self, parameter.name)
             if not rule or (setting is None and parameter.default is None):
                 continue
             if "Distribution" in str(parameter.type) and not isinstance(
@@ -257,24 +254,14 @@ class Effect(ABC):
                     setting, f"effects.{self.name}.{parameter.name}"
                 )
                 object.__setattr__(self, parameter.name, setting)
-            low, high, above = rule["low"], rule["high"], rule["above"]
+            demand: Callable[..., object] = demand_within
+            if rule.pop("whole", False):
+                demand = whole_number
+            key = f"scene.effects.{self.name}.{parameter.name}"
             for value in (
                 setting.bounds if isinstance(setting, Distribution) else (setting,)
             ):
-                key = f"scene.effects.{self.name}.{parameter.name}"
-                if value is None:
-                    raise VoccError.of(key, "None", "a number")
-                if rule["whole"]:
-                    whole_number(key, value, low, high)
-                elif (
-                    not (low < value if above else low <= value)
-                    or value > high
-                    or not math.isfinite(value)
-                ):
-                    allowed = f"{'above' if above else 'at least'} {low:g}"
-                    allowed += "" if math.isinf(high) else f" and at most {high:g}"
-                    hint = f" ({rule['hint']})" if rule["hint"] and value == low else ""
-                    raise self.refusal(parameter.name, allowed + hint, value)
+                demand(key, value, **rule)
 
     def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """How far the effect carries light in frames of this camera, of panels at ``nearest_m`` or farther.
@@ -291,13 +278,11 @@ class Effect(ABC):
         """Draw one value of a parameter that is a distribution."""
         return float(getattr(self, parameter).draw(generator, 1)[0])
 
-    def refusal(
-        self, parameter: str, rule: str, value: float | None = None
-    ) -> VoccError:
+    def refusal(self, parameter: str, rule: str) -> VoccError:
         """The error that names a parameter, its value and what it must be."""
-        shown = getattr(self, parameter) if value is None else value
+        value = getattr(self, parameter)
         return VoccError.of(
-            f"scene.effects.{self.name}.{parameter}", f"{shown:g}", rule
+            f"scene.effects.{self.name}.{parameter}", f"{value:g}", rule
         )
 
     @abstractmethod

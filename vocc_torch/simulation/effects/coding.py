@@ -1,7 +1,5 @@
 """From the sensor's readings to the picture that is written: demosaicing, clipping, rounding and JPEG."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale, ycbcr_to_rgb
@@ -40,7 +38,6 @@ NEUTRAL = 128 / 255
 """The chroma that the codec takes for none."""
 
 
-@dataclass(frozen=True, slots=True)
 class Demosaicing(Effect, on=Quantity.EXPOSURE):
     """White balance, bilinear interpolation of each colour, and luma ``0.299 R + 0.587 G + 0.114 B``.
 
@@ -77,7 +74,7 @@ class Demosaicing(Effect, on=Quantity.EXPOSURE):
                     f"camera.{name} is {getattr(context.camera, name)}: "
                     f"it must be at least {CELL_PX}: scene.effects.demosaicing reads cells of 2 x 2 pixels"
                 )
-        raw = value.to(torch.float64)
+        raw = value.double()
         if filters := of_kind(context.effects, Bayer):
             raw = raw / filters.filters(raw, context)
         phases = [(x % CELL_PX, y % CELL_PX) for x, y in context.first_px.tolist()]
@@ -113,7 +110,6 @@ def demosaiced(raw: Tensor, pattern: CFA, coloured: bool) -> Tensor:
     return torch.cat(strips, dim=-2)
 
 
-@dataclass(frozen=True, slots=True)
 class Saturation(Effect, on=Quantity.GREY, to=Quantity.BOUNDED_GREY):
     """Clip grey values at 255, the white of 8 bits.
 
@@ -131,7 +127,6 @@ class Saturation(Effect, on=Quantity.GREY, to=Quantity.BOUNDED_GREY):
         return value.clamp(max=255.0)
 
 
-@dataclass(frozen=True, slots=True)
 class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
     """Black bars and a line of text that a recorder writes over the picture.
 
@@ -200,7 +195,6 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
         return torch.stack(frames)
 
 
-@dataclass(frozen=True, slots=True)
 class Quantization(Effect, on=Quantity.BOUNDED_GREY, to=Quantity.DIGITAL):
     """Round grey values of 0 to 255 to ``2^bits`` levels, the nearest, ties to even.
 
@@ -237,7 +231,6 @@ class Quantization(Effect, on=Quantity.BOUNDED_GREY, to=Quantity.DIGITAL):
         return torch.round(value * (top / 255.0)) * 255.0 / top
 
 
-@dataclass(frozen=True, slots=True)
 class Jpeg(Effect, on=Quantity.DIGITAL):
     """Encode and decode 8-bit frames by Kornia's differentiable JPEG codec.
 
@@ -297,12 +290,12 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
                 )
                 if coloured:
                     rgb = jpeg_codec_differentiable(
-                        value[part].to(torch.float32) / 255.0, quality
+                        value[part].float() / 255.0, quality
                     )
                     coded[part] = torch.round(rgb * 255.0).clamp(0, 255).to(torch.uint8)
                     continue
                 rgb = jpeg_codec_differentiable(
-                    value[part].to(torch.float32) / 255.0 + tint, quality
+                    value[part].float() / 255.0 + tint, quality
                 )
                 # The codec clips its colours: red, brighter, is whole down to black, and green up to white.
                 red, green = rgb[:, :1] - tint[0], rgb[:, 1:2] - tint[1]

@@ -2,7 +2,6 @@
 
 import functools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -84,7 +83,6 @@ def channel_shares(peak_nm: float, width_nm: float) -> tuple[float, float, float
     return float(red), float(green), float(blue)
 
 
-@dataclass(frozen=True, slots=True)
 class Colour(Effect, on=Quantity.LED_LUMINANCE):
     """LEDs of one colour, or of three at once, seen by a colour camera balanced to daylight.
 

@@ -21,7 +21,6 @@ from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import Sketch
 
 
-@dataclass(frozen=True, slots=True)
 class PanelAbsent(Effect, on=Quantity.LED_LUMINANCE):
     """Frames without a panel, otherwise as frames with one.
 
@@ -71,7 +70,6 @@ class Look:
     visible: Tensor
 
 
-@dataclass(frozen=True, slots=True)
 class LedLook(Effect, on=Quantity.LED_LUMINANCE):
     """Another kind of LED in every frame: size, shape, reflectance, and whether Off LEDs can be seen.
 
@@ -127,7 +125,6 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
         )
 
 
-@dataclass(frozen=True, slots=True)
 class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
     """Rows that are driven in turn, so that a short exposure sees some of them dark.
 
@@ -182,7 +179,6 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
         )
 
 
-@dataclass(frozen=True, slots=True)
 class Housing(street.Sketched):
     """The panel's housing: a dark or light board behind the LEDs or none, a rim, and cables.
 

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import torch
@@ -52,6 +52,22 @@ def bordered(plane: Tensor, across: int, down: int) -> Tensor:
     return nn.functional.pad(plane[None, None], margins, mode="replicate")[0, 0]
 
 
+def convolved(
+    value: Tensor,
+    convolve: Callable[..., Tensor],
+    kernels: Iterable[tuple[object, ...]],
+) -> Tensor:
+    """Convolve frames (B,1,H,W) in float64, each with a kernel of its own, as ``convolve`` takes it.
+
+    Example:
+        >>> convolved(torch.ones(1, 1, 1, 2), convolve_taps, [(0.5, [(0, 1, 0.25)])]).tolist()
+        [[[[1.0, 1.0]]]]
+    """
+    frames = zip(value[:, 0].double(), kernels, strict=True)
+    planes = [convolve(plane, *kernel) for plane, kernel in frames]
+    return torch.stack(planes).unsqueeze(1).to(value.dtype)
+
+
 def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     """Convolve one frame with a kernel that is symmetric from left to right and from top to bottom.
 
@@ -69,7 +85,7 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
         >>> convolve_symmetric(dot, quarter)[1].tolist()
         [0.1, 0.6, 0.1, 0.0]
     """
-    reach = quarter.shape[-1] - 1
+    quarter, reach = quarter.to(plane.device), quarter.shape[-1] - 1
     if reach == 0:
         return plane * quarter[0, 0]
     padded = bordered(plane, reach, reach)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,6 @@ NO_GLARE = "leave the effect out for no glare"
 FREE_VIEW = "leave the effect out for a free view"
 
 
-@dataclass(frozen=True, slots=True)
 class RollingShutter(Effect, on=Quantity.SYMBOLS):
     """Rolling shutter: row i is exposed over ``[t_i, t_i + T]``, ``t_i = i readout_s / (height - 1)``.
 
@@ -183,7 +182,6 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
         ) if context.leds else generators
 
 
-@dataclass(frozen=True, slots=True)
 class Playback(RollingShutter):
     """A rolling shutter before a panel that plays a film: phase and neighbours are those of each moment.
 
@@ -233,7 +231,6 @@ class Playback(RollingShutter):
         ], numbers
 
 
-@dataclass(frozen=True, slots=True)
 class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
     """LEDs that are stuck Off or On, each independently of its bit.
 
@@ -288,7 +285,6 @@ class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
         return torch.where(draw >= 1 - self.on_share, full, value)
 
 
-@dataclass(frozen=True, slots=True)
 class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
     """Unequal LEDs: each has a light factor ``exp(s z - s^2 / 2)``, ``s^2 = ln(1 + v^2)``.
 
@@ -331,7 +327,6 @@ class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
         ).to(value)
 
 
-@dataclass(frozen=True, slots=True)
 class Attenuation(Effect, on=Quantity.LED_LUMINANCE):
     """Air dims the LEDs' own light by ``T = exp(-3.91 d / V)`` (Eq. 20).
 
@@ -381,7 +376,6 @@ def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
     return air.applied(light_cd_m2, context)
 
 
-@dataclass(frozen=True, slots=True)
 class Airlight(Effect, on=Quantity.UNLIT):
     """Fog adds scattered daylight (Koschmieder): ``L T + L_air (1 - T)``, ``T = exp(-3.912 d / V)``.
 
@@ -430,7 +424,6 @@ class Airlight(Effect, on=Quantity.UNLIT):
         ).view(-1, 1, 1, 1)
 
 
-@dataclass(frozen=True, slots=True)
 class Occlusion(Effect, on=Quantity.LUMINANCE):
     """A matt rectangle near the camera, such as a post, a wiper or dirt, that covers what lies behind it.
 
@@ -497,7 +490,6 @@ class Occlusion(Effect, on=Quantity.LUMINANCE):
         return value * (1 - cover) + cover * surface.to(value.dtype).view(-1, 1, 1, 1)
 
 
-@dataclass(frozen=True, slots=True)
 class VeilingGlare(Effect, on=Quantity.LUMINANCE):
     """Light of the sun or of a lamp, scattered in windscreen and lens: one luminance added to every pixel.
 

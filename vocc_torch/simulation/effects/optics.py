@@ -1,7 +1,7 @@
 """What the lens does to the light: motion, focus, diffraction and vignetting."""
 
+import itertools
 import math
-from dataclasses import dataclass
 
 import torch
 from kornia.filters import gaussian_blur2d
@@ -16,6 +16,7 @@ from vocc_torch.simulation.effects.kernels import (
     checked_reach,
     convolve_symmetric,
     convolve_taps,
+    convolved,
     disc_quarters,
     disc_radius_px,
     streak_taps,
@@ -34,7 +35,6 @@ PLANE_PX = 1 << 17
 """Fewest pixels of a plane. From here on Kornia adds shifted planes instead of convolving."""
 
 
-@dataclass(frozen=True, slots=True)
 class MotionBlur(Effect, on=Quantity.EXPOSURE):
     """Uniform straight motion across the view: a streak of ``v t F / d`` pixels.
 
@@ -109,12 +109,10 @@ class MotionBlur(Effect, on=Quantity.EXPOSURE):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw out (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
         shifts = self._checked_shifts(context.camera, context.scene.distance_m)
-        frames = zip(value[:, 0].to(torch.float64), shifts, strict=True)
-        drawn = [convolve_taps(plane, *streak_taps(*shift)) for plane, shift in frames]
-        return torch.stack(drawn).unsqueeze(1).to(value.dtype)
+        kernels = itertools.starmap(streak_taps, shifts)
+        return convolved(value, convolve_taps, kernels)
 
 
-@dataclass(frozen=True, slots=True)
 class Defocus(Effect, on=Quantity.EXPOSURE):
     """The blur disc of a thin lens, of diameter ``c = f^2 / (N (s - f)) |d - s| / d``.
 
@@ -201,18 +199,10 @@ class Defocus(Effect, on=Quantity.EXPOSURE):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Spread (B,1,H,W) exposure; the light outside the frame is taken to be that at its border."""
-        quarters = disc_quarters(
-            self.radii_px(context.camera, context.scene.distance_m)
-        )
-        frames = zip(value[:, 0].to(torch.float64), quarters, strict=True)
-        blurred = [
-            convolve_symmetric(plane, quarter.to(plane.device))
-            for plane, quarter in frames
-        ]
-        return torch.stack(blurred).unsqueeze(1).to(value.dtype)
+        radii = self.radii_px(context.camera, context.scene.distance_m)
+        return convolved(value, convolve_symmetric, zip(disc_quarters(radii)))
 
 
-@dataclass(frozen=True, slots=True)
 class Diffraction(Effect, on=Quantity.EXPOSURE):
     """Diffraction at a circular aperture, the Airy pattern ``(2 J1(v) / v)^2``.
 
@@ -269,18 +259,10 @@ class Diffraction(Effect, on=Quantity.EXPOSURE):
         reach = self.reach_in_px(context.camera, 1.0)
         if reach == 0:
             return value
-        quarter = airy_quarter(self._lambda_n_px(context.camera), reach).to(
-            value.device
-        )
-        planes = value[:, 0].to(torch.float64)
-        return (
-            torch.stack([convolve_symmetric(p, quarter) for p in planes])
-            .unsqueeze(1)
-            .to(value.dtype)
-        )
+        quarter = airy_quarter(self._lambda_n_px(context.camera), reach)
+        return convolved(value, convolve_symmetric, [(quarter,)] * len(value))
 
 
-@dataclass(frozen=True, slots=True)
 class Blooming(Effect, on=Quantity.EXPOSURE):
     """Kornia's Gaussian blur of luminous exposure, before gamma (section IV-B-1).
 
@@ -344,7 +326,7 @@ def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
     wide = width + 2 * reach_px
     missing = max(0, -(-PLANE_PX // (height * wide)) - len(value))
     # cuDNN would round the factors of float32 convolutions to 10 bits.
-    working = value if value.device.type == "cpu" else value.to(torch.float64)
+    working = value if value.device.type == "cpu" else value.double()
     margined = nn.functional.pad(
         working.squeeze(1), (reach_px, reach_px, 0, 0), mode="replicate"
     )
@@ -363,7 +345,6 @@ def blurred(value: Tensor, sigma_px: float, reach_px: int) -> Tensor:
     return frames.permute(1, 2, 0, 3).to(value.dtype).contiguous()
 
 
-@dataclass(frozen=True, slots=True)
 class Vignetting(Effect, on=Quantity.EXPOSURE):
     """Natural vignetting, ``cos^4`` of the field angle, and optionally that of the lens barrel.
 
@@ -426,7 +407,7 @@ class Vignetting(Effect, on=Quantity.EXPOSURE):
 def _squares(first: Tensor, size: int, middle: float, focal_px: float) -> Tensor:
     """Squared offset of each pixel's middle from the axis along one side, in focal lengths, (B,size)."""
     pixels = torch.arange(size, device=first.device) + first.unsqueeze(-1)
-    return ((pixels.to(torch.float64) + 0.5 - middle) / focal_px).square()
+    return ((pixels.double() + 0.5 - middle) / focal_px).square()
 
 
 EFFECTS = (MotionBlur, Defocus, Diffraction, Blooming, Vignetting)

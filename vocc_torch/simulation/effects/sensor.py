@@ -7,7 +7,7 @@ that the full frame has there, for the price of the tiles that it touches.
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -35,7 +35,6 @@ CONVERSIONS = (1e-12, 1e15)
 NO_NOISE = "leave the effect out for none"
 
 
-@dataclass(frozen=True, slots=True)
 class Bayer(Effect, on=Quantity.EXPOSURE):
     """Bayer's mosaic: each pixel gets the share of the light that its filter lets through.
 
@@ -106,7 +105,6 @@ def mosaic(
     return laid.expand(len(like), 1, height, width)
 
 
-@dataclass(frozen=True, slots=True)
 class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
     """Mean number of electrons that a pixel collects, ``mu_e = eta H A lambda / (K h c)``.
 
@@ -239,7 +237,6 @@ class ElectronNoise(Effect, on=Quantity.ELECTRONS):
     sampled = fills_sensor = True
 
 
-@dataclass(frozen=True, slots=True)
 class SensorPattern(ElectronNoise):
     """A pattern of the sensor itself: keyed by the run's seed and the pixel's place, by nothing else.
 
@@ -287,7 +284,6 @@ class SensorPattern(ElectronNoise):
         return torch.from_numpy(planes).unsqueeze(1).to(value)
 
 
-@dataclass(frozen=True, slots=True)
 class Prnu(SensorPattern):
     """Unequal response of pixels, ``mu_e (1 + s z)`` with z standard normal, fixed during a run.
 
@@ -323,7 +319,6 @@ class Prnu(SensorPattern):
         return value * self.pattern(value, context)
 
 
-@dataclass(frozen=True, slots=True)
 class DarkCurrent(Effect, on=Quantity.ELECTRONS):
     """Mean dark signal ``mu_d = mu_I t`` in electrons, with exposure time t.
 
@@ -354,7 +349,6 @@ class DarkCurrent(Effect, on=Quantity.ELECTRONS):
         return value + self.electrons_per_s * context.camera.exposure_time_s
 
 
-@dataclass(frozen=True, slots=True)
 class HotPixels(SensorPattern):
     """Hot pixels: each pixel has ``mu_I t`` more electrons with the same probability.
 
@@ -391,7 +385,6 @@ class HotPixels(SensorPattern):
         return torch.add(value, self.pattern(value, context), alpha=charge)
 
 
-@dataclass(frozen=True, slots=True)
 class ShotNoise(ElectronNoise):
     """Photon shot noise: Poisson distributed electrons, ``P(n) = mu^n exp(-mu) / n!``.
 
@@ -438,7 +431,6 @@ class ShotNoise(ElectronNoise):
         return torch.from_numpy(counts).unsqueeze(1).to(value)
 
 
-@dataclass(frozen=True, slots=True)
 class FullWell(Effect, on=Quantity.ELECTRONS):
     """Clip the collected charge at the full-well capacity, ``min(n, n_sat)``; nothing spills to neighbours.
 
@@ -465,7 +457,6 @@ class FullWell(Effect, on=Quantity.ELECTRONS):
         return value.clamp(max=self.electrons)
 
 
-@dataclass(frozen=True, slots=True)
 class Dsnu(SensorPattern):
     """Unequal offset of pixels, ``s z`` electrons with z standard normal, fixed during a run.
 
@@ -501,7 +492,6 @@ class Dsnu(SensorPattern):
         return value + self.pattern(value, context)
 
 
-@dataclass(frozen=True, slots=True)
 class RowNoise(ElectronNoise):
     """Row noise: an offset of ``s z`` electrons per sensor row, z standard normal.
 
@@ -535,7 +525,6 @@ class RowNoise(ElectronNoise):
         return value + self.electrons * rows.to(value)
 
 
-@dataclass(frozen=True, slots=True)
 class ReadNoise(ElectronNoise):
     """Gaussian noise of each pixel, ``s z`` electrons with z standard normal, new in every frame.
 
@@ -576,7 +565,6 @@ class ReadNoise(ElectronNoise):
         return value + torch.from_numpy(planes).unsqueeze(1).to(value)
 
 
-@dataclass(frozen=True, slots=True)
 class Gain(Effect, on=Quantity.ELECTRONS, to=Quantity.EXPOSURE):
     """Convert electrons back to luminous exposure, ``H = mu_e / k``.
 

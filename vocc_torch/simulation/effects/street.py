@@ -90,7 +90,6 @@ def in_strips(
     return torch.cat(strips).view(value.shape)
 
 
-@dataclass(frozen=True, slots=True)
 class Scenery(Effect, on=Quantity.BACKGROUND):
     """Textured sky, skyline and ground in place of a plain background.
 
@@ -281,7 +280,6 @@ Placed = tuple[
 """Distance m, what is drawn, how it lies on the sensor, its seed, its middle on the sensor, its reach, px."""
 
 
-@dataclass(frozen=True, slots=True)
 class Clutter(Sketched):
     """Vehicles, houses, signs with lettering, displays of dots, fences, lamps and trees behind the panel.
 

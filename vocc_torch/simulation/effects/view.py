@@ -36,7 +36,6 @@ CLOCKWISE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 """Where a rectangle's corners lie from its middle, ``(x, y)`` in half sides, from the top left."""
 
 
-@dataclass(frozen=True, slots=True)
 class Pose(Effect, on=Quantity.PLACEMENT):
     """The panel's rotation about its own centre: ``R = R_y(yaw) R_x(pitch) R_z(roll)``.
 
@@ -173,7 +172,6 @@ def _farthest(along: float, beside: float, angle: list[float]) -> float:
     return max(along * abs(math.cos(t)) + beside * abs(math.sin(t)) for t in tried)
 
 
-@dataclass(frozen=True, slots=True)
 class LensDistortion(PointEffect):
     """Brown's radial model on image points: ``x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6)``.
 
@@ -386,7 +384,7 @@ def placement_m(scene: Scene) -> Tensor:
     """
     centre = torch.stack(
         [scene.offset_x_m, scene.offset_y_m, scene.distance_m], dim=-1
-    ).to(torch.float64)
+    ).double()
     axes = torch.eye(3, 2, dtype=torch.float64, device=centre.device).expand(
         len(scene), 3, 2
     )
