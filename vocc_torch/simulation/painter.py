@@ -6,7 +6,7 @@ the pixels of its frames do.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -17,10 +17,6 @@ from vocc_torch.simulation.effects.base import Context, Effect, Quantity, of_kin
 
 SMALL_PATCH_PX = 8
 """Patches up to this side are one group; larger ones are grouped by powers of two."""
-
-Stamp = tuple[Tensor, ...]
-"""The cover (M,h,w) of some of a batch's LEDs, each in a patch of pixels of its frame; the patches' left
-columns and top rows (M,), and the LEDs' numbers (M,) of the batch's, frame by frame in raster order."""
 
 
 def taking(effects: Sequence[Effect], quantity: Quantity) -> tuple[Effect, ...]:
@@ -50,54 +46,45 @@ def paint(
     Raises:
         VoccError: an LED whose image is wider than 100000 px.
     """
-    scene, panel, leds = context.scene, context.panel, context.panel.shape.leds
+    panel, leds = context.panel, context.panel.shape.leds
+    ambient = context.scene.ambient_lx.view(-1, 1, 1)
     behind, before = (
         taking(context.effects, q) for q in (Quantity.BACKGROUND, Quantity.UNLIT)
     )
     background, surface, board = (
-        photometry.reflected_luminance_cd_m2(scene.ambient_lx, share)
+        photometry.reflected_luminance_cd_m2(ambient, share)
         for share in (
             panel.background_reflectance,
             panel.led_reflectance,
             panel.board_reflectance or 0.0,
         )
     )
-    panel_present, look = housing.present(context), housing.look(context)
+    visible, look = housing.present(context).view(-1, 1, 1), housing.look(context)
+    canvas = background.expand(-1, *size).contiguous()
+    canvas = _changed(canvas, behind, context)
     has_board = panel.board_reflectance is not None and not of_kind(
         context.effects, housing.Housing
     )
-    if look is not None:
-        surface = (
-            photometry.reflected_luminance_cd_m2(scene.ambient_lx, 1.0)
-            * look.reflectance
-        )
-    canvas = background.view(-1, 1, 1).expand(len(scene), *size).contiguous()
-    for effect in behind:
-        canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1)
-    if not has_board:
-        board = background
+    if has_board:
+        boards = board_cover(context, size) * visible
+        canvas = canvas + boards * (board - canvas)
     else:
-        under = canvas if behind else background.view(-1, 1, 1)
-        boards = board_cover(context, size)
-        if panel_present is not None:
-            boards = boards * panel_present.view(-1, 1, 1)
-        canvas = canvas + boards * (board.view(-1, 1, 1) - under)
+        board = background
+    if look is not None:
+        surface = photometry.reflected_luminance_cd_m2(ambient, 1.0) * look.reflectance
+        visible = visible & look.visible
     stamps = list(led_stamps(context, size, look))
-    if panel_present is not None:
-        stamps = [
-            tuple(part[panel_present[stamp[-1] // leds]] for part in stamp)
-            for stamp in stamps
-        ]
-    added = surface - board if look is None else (surface - board) * look.visible
+    added = (surface - board) * visible
     if behind or before:
-        hidden = board.view(-1, 1, 1) if has_board else None
-        canvas = _with_surfaces(canvas, stamps, leds, surface, hidden, look)
-        for effect in before:
-            canvas = (
-                effect.applied(canvas.unsqueeze(1), context).squeeze(1).contiguous()
-            )
-        added = torch.zeros_like(surface)
-    for cover, left, top, led in stamps:
+        covered = torch.zeros_like(canvas)
+        for led, cover, left, top in stamps:
+            raster.add_patches(covered, cover, led // leds, left, top)
+        # An LED hides what lies behind it: the board, wherever there is one, or else the canvas.
+        hidden = board if has_board else canvas
+        canvas = canvas + covered * visible * (surface - hidden)
+        canvas = _changed(canvas, before, context).contiguous()
+        added = torch.zeros_like(added)
+    for led, cover, left, top in stamps:
         frame = led // leds
         if shares is None:
             light = lights[:, 0].reshape(-1)[led].view(-1, 1, 1)
@@ -109,43 +96,16 @@ def paint(
             coverage = shares[frame.unsqueeze(-1), :, rows].transpose(1, 2)
             shown = lights.transpose(0, 1).reshape(lights.shape[1], -1)[:, led].T
             light = (shown.unsqueeze(-1) * coverage).sum(1).unsqueeze(-1)
-        raster.add_patches(
-            canvas, cover * (light + added[frame].view(-1, 1, 1)), frame, left, top
-        )
+        raster.add_patches(canvas, cover * (light + added[frame]), frame, left, top)
     # Rounding can leave a black LED a hair below zero, where gamma encoding has no value.
     return canvas.clamp_(min=0).unsqueeze(1).to(dtype)
 
 
-def _with_surfaces(
-    canvas: Tensor,
-    stamps: Sequence[Stamp],
-    leds: int,
-    surface: Tensor,
-    hidden: Tensor | None,
-    look: housing.Look | None,
-) -> Tensor:
-    """Draw the LEDs' surfaces (B,) cd/m2 before the (B,H,W) canvas, in the part of it where LEDs are.
-
-    An LED hides what lies behind it: the board, wherever there is one, (B,1,1), or else the canvas.
-    """
-    stamps = [stamp for stamp in stamps if len(stamp[-1])]
-    if not stamps:
-        return canvas
-    x, y = (min(int(stamp[axis].min()) for stamp in stamps) for axis in (1, 2))
-    right, bottom = (
-        max(int(stamp[axis].max()) + stamp[0].shape[-axis] for stamp in stamps)
-        for axis in (1, 2)
-    )
-    covered = canvas.new_zeros(len(canvas), bottom - y, right - x)
-    for cover, left, top, led in stamps:
-        raster.add_patches(covered, cover, led // leds, left - x, top - y)
-    drawn, part = canvas.clone(), (slice(None), slice(y, bottom), slice(x, right))
-    behind = canvas[part]
-    visible_cover = covered if look is None else covered * look.visible.view(-1, 1, 1)
-    drawn[part] = behind + visible_cover * (
-        surface.view(-1, 1, 1) - (behind if hidden is None else hidden)
-    )
-    return drawn
+def _changed(canvas: Tensor, effects: Sequence[Effect], context: Context) -> Tensor:
+    """Apply effects to the (B,H,W) canvas."""
+    for effect in effects:
+        canvas = effect.applied(canvas.unsqueeze(1), context).squeeze(1)
+    return canvas
 
 
 def board_cover(context: Context, size: framing.Size) -> Tensor:
@@ -180,7 +140,7 @@ def board_cover(context: Context, size: framing.Size) -> Tensor:
 
 def led_stamps(
     context: Context, size: framing.Size, look: housing.Look | None = None
-) -> Iterator[Stamp]:
+) -> raster.Patches:
     """Cover the LEDs of each frame, those of a frame in an order that its batch does not change.
 
     Args:
@@ -191,28 +151,20 @@ def led_stamps(
     Raises:
         VoccError: an LED whose image is wider than 100000 px.
     """
-    scene, panel, leds, origin = (
-        context.scene,
-        context.panel,
-        context.panel.shape.leds,
-        context.first_px,
-    )
+    scene, panel, origin = context.scene, context.panel, context.first_px
+    leds, at = panel.shape.leds, view.led_centres_m(panel).to(scene.distance_m)
+    radius_m = torch.full_like(scene.distance_m, panel.led_diameter_m / 2)
+    radius_m = radius_m.view(-1, 1, 1) if look is None else look.radius_m
     upright = not view.in_perspective(context.effects)
     if upright:
         columns, rows = framing.led_centres_px(scene, context.camera, panel)
         columns, rows = columns - origin[:, :1], rows - origin[:, 1:]
-        radius_m = panel.led_diameter_m / 2 if look is None else look.radius_m
-        radius = radius_m * context.camera.pixels_per_metre(scene.distance_m)
+        radius = radius_m.flatten() * context.camera.pixels_per_metre(scene.distance_m)
         widest = 2 * radius
     else:
-        at = view.led_centres_m(panel).to(scene.distance_m)
-        radius_m = (
-            panel.led_diameter_m / 2 if look is None else look.radius_m.view(-1, 1, 1)
-        )
         centre, spread = view.view_of(context).discs_px(at, radius_m)
         centre = centre - origin.unsqueeze(1)
-        half = spread.diagonal(dim1=-2, dim2=-1).sqrt()
-        widest = 2 * half.amax(dim=(1, 2))
+        widest = 2 * raster.reach_of(spread).amax(dim=(1, 2))
     if upright and look is None and context.nearest_m:
         scale = context.camera.focal_length_px / context.nearest_m
         sides = [math.ceil(panel.led_diameter_m * scale)] * len(scene)
@@ -222,58 +174,37 @@ def led_stamps(
         framing.demand_led_px(max(sides), float(scene.distance_m[farthest]))
     single = list(range(len(sides)))
     if look is not None and bool(look.square.any()):
-        single = (~look.square).nonzero().flatten().tolist()
-        at = view.led_centres_m(panel).to(scene.distance_m)
-        half_m = look.radius_m.view(-1, 1, 1, 1)
-        for led, cover, left, top in background.cell_patches(
-            at, half_m, size, context, look.square
-        ):
-            yield cover, left, top, led
+        square = look.square.flatten()
+        single = (~square).nonzero().flatten().tolist()
+        half_m = look.radius_m.unsqueeze(-1)
+        yield from background.cell_patches(at, half_m, size, context, square)
     if upright:
         # By powers of two, so that a near panel does not make all patches large.
         patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
-        groups = {patches[frame] for frame in single}
         values = raster.GROUP_VALUES if origin.is_cpu else raster.GROUP_VALUES_ELSEWHERE
-        for patch in sorted(
-            patch for patch in groups if leds * patch**2 <= raster.GROUP_VALUES
-        ):
+        near = [f for f in single if leds * patches[f] ** 2 > raster.GROUP_VALUES]
+        for patch in sorted({patches[f] for f in single} - {patches[f] for f in near}):
             like = [frame for frame in single if patches[frame] == patch]
             side = int(max(sides[frame] for frame in like)) + 1
             most = max(1, values // (leds * side**2))
-            for start in range(0, len(like), most):
-                chosen = torch.tensor(like[start : start + most])
-                chosen = chosen.to(origin.device, non_blocking=True)
-                rows_chosen = slice(None) if len(chosen) == len(sides) else chosen
-                grid = columns[rows_chosen], rows[rows_chosen], radius[rows_chosen]
-                cover, left, top = raster.disc_grid_cover(*grid, side, canvas_px=size)
-                led = chosen.unsqueeze(1) * leds + torch.arange(
-                    leds, device=origin.device
+            for some in torch.split(torch.tensor(like), most):
+                chosen = some.to(origin.device, non_blocking=True)
+                cover, left, top = raster.disc_grid_cover(
+                    columns[chosen], rows[chosen], radius[chosen], side, canvas_px=size
                 )
-                yield cover.flatten(0, 2), *_each(left, top), led.view(-1)
-        single = [
-            frame
-            for frame in single
-            if leds * patches[frame] ** 2 > raster.GROUP_VALUES
-        ]
-        if not single:
+                numbers = torch.arange(leds, device=origin.device)
+                led = (chosen.unsqueeze(1) * leds + numbers).view(-1)
+                yield led, cover.flatten(0, 2), *_each(left, top)
+        if not near:
             return
+        single = near
         centre = torch.stack(_each(columns, rows), dim=-1).view(len(scene), -1, 2)
-        half = radius.view(-1, 1, 1).expand_as(centre)
-        spread = torch.diag_embed(half.square())
+        spread = torch.diag_embed(radius.square().view(-1, 1, 1).expand_as(centre))
     drawn = torch.zeros(len(sides), dtype=torch.bool, device=origin.device)
     drawn[single] = True
-    centre, half, spread = (tensor.flatten(0, 1) for tensor in (centre, half, spread))
-    for which, side in raster.by_size(
-        centre - half, centre + half, size, drawn.repeat_interleave(leds)
-    ):
-        # A view, where a batch's LEDs are all in sight and alike, spares their copies.
-        rows_chosen = slice(None) if len(which) == len(centre) else which
-        yield (
-            *raster.ellipse_cover(
-                centre[rows_chosen], spread[rows_chosen], side, canvas_px=size
-            ),
-            which,
-        )
+    yield from raster.ellipse_patches(
+        centre, spread, drawn.repeat_interleave(leds), canvas_px=size
+    )
 
 
 def _each(of_columns: Tensor, of_rows: Tensor) -> tuple[Tensor, Tensor]:

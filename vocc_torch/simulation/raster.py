@@ -20,6 +20,9 @@ from torch.autograd.forward_ad import unpack_dual
 Size = tuple[int, int]
 """Height and width, px."""
 
+Patches = Iterator[tuple[Tensor, Tensor, Tensor, Tensor]]
+"""Numbers (M,) of shapes among the batch's, their cover (M,h,w), left columns and top rows."""
+
 GROUP_VALUES = 1_000_000
 """Numbers in a working array."""
 
@@ -224,7 +227,7 @@ def ellipse_cover(
         >>> round(float(cover.sum() / math.pi), 9), int(left), int(top)  # the root of the determinant is 1.6
         (1.6, 3, 1)
     """
-    half = spread_px2.diagonal(dim1=-2, dim2=-1).sqrt()
+    half = reach_of(spread_px2)
     bounds = half.prod(dim=-1)
     covariance = spread_px2[:, 0, 1]
     # Seen edge-on an ellipse has no area, and rounding would leave a root of less than none.
@@ -237,6 +240,29 @@ def ellipse_cover(
     v = ((top - centre_px[:, 1]).unsqueeze(-1) + edges[: height + 1]) / half[:, 1:]
     cover = per_pixel(disc_wedge_area(u, v, covariance / bounds, sine))
     return (cover * root.view(-1, 1, 1)).clamp_(0, 1), left.long(), top.long()
+
+
+def reach_of(spread_px2: Tensor) -> Tensor:
+    """Half of the width and of the height of ellipses, (...,2,2) px^2 to (...,2) px."""
+    return spread_px2.diagonal(dim1=-2, dim2=-1).sqrt()
+
+
+def ellipse_patches(
+    centre_px: Tensor, spread_px2: Tensor, chosen: Tensor, *, canvas_px: Size
+) -> Patches:
+    """Cover ellipses in groups of about one size.
+
+    Args:
+        centre_px: (B,N,2), as in :func:`ellipse_cover`.
+        spread_px2: (B,N,2,2).
+        chosen: (B*N,) bool, the ellipses to draw.
+        canvas_px: height and width of what they are drawn on.
+    """
+    centre, spread = centre_px.flatten(0, 1), spread_px2.flatten(0, 1)
+    reach = reach_of(spread)
+    for which, side in by_size(centre - reach, centre + reach, canvas_px, chosen):
+        shapes = centre[which], spread[which]
+        yield which, *ellipse_cover(*shapes, side, canvas_px=canvas_px)
 
 
 def interval_cover(low: Tensor, high: Tensor, size: int) -> Tensor:

@@ -122,15 +122,13 @@ class Simulator:
             panels = Panels.known(
                 framing.panel_corners_px(scene, self.camera, self.panel)
             )
-        panel_present = housing.present(context)
-        if panel_present is not None:
-            presence = panel_present.double()
-            panels = Panels(
-                panels.corners_px * panel_present.view(-1, 1, 1),
-                panel_present,
-                panels.score * presence,
-                panels.candidates * panel_present,
-            )
+        present = housing.present(context)
+        panels = Panels(
+            panels.corners_px * present.view(-1, 1, 1),
+            present,
+            panels.score * present,
+            panels.candidates * present,
+        )
         return panels.to(self.device)
 
     def led_centres_px(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> Tensor:

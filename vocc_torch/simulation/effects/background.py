@@ -1,7 +1,6 @@
 """What stands behind the panel: texture, lamps and the panel of another vehicle."""
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import scipy.fft
@@ -290,11 +289,9 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
         return (canvas * (1 - hidden) + added).unsqueeze(1)
 
 
-Patches = Iterator[tuple[Tensor, Tensor, Tensor, Tensor]]
-"""Numbers (M,) of shapes among the batch's, their cover (M,h,w), left columns and top rows."""
-
-
-def laid(canvas: Tensor, luminance: Tensor, patches: Patches) -> tuple[Tensor, Tensor]:
+def laid(
+    canvas: Tensor, luminance: Tensor, patches: raster.Patches
+) -> tuple[Tensor, Tensor]:
     """Share of each pixel (B,H,W) that N shapes a frame cover, and their light there, of (B*N,) cd/m2."""
     covered, added = torch.zeros_like(canvas), torch.zeros_like(canvas)
     for which, cover, left, top in patches:
@@ -306,7 +303,7 @@ def laid(canvas: Tensor, luminance: Tensor, patches: Patches) -> tuple[Tensor, T
     return covered, added
 
 
-def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
+def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> raster.Patches:
     """Cover the LEDs (N,2) that each frame shows."""
     camera_view, radius_m = view.view_of(context), context.panel.led_diameter_m / 2
     height, width = canvas.shape[1:]
@@ -315,18 +312,12 @@ def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> Patches:
     centre, spread = camera_view.discs_px(
         torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m
     )
-    centre = (centre - context.first_px.unsqueeze(1)).flatten(0, 1)
-    spread = spread.flatten(0, 1)
-    reach = spread.diagonal(dim1=-2, dim2=-1).sqrt()
-    for which, side in raster.by_size(
-        centre - reach, centre + reach, (height, width), has_image.flatten()
-    ):
-        yield (
-            which,
-            *raster.ellipse_cover(
-                centre[which], spread[which], side, canvas_px=(height, width)
-            ),
-        )
+    return raster.ellipse_patches(
+        centre - context.first_px.unsqueeze(1),
+        spread,
+        has_image.flatten(),
+        canvas_px=(height, width),
+    )
 
 
 def cell_patches(
@@ -335,7 +326,7 @@ def cell_patches(
     size: raster.Size,
     context: Context,
     drawn: Tensor | None,
-) -> Patches:
+) -> raster.Patches:
     """Cover squares about LEDs (N,2) of half a side, one or (B,1,1,1): cells are a board's parts.
 
     Their edges may be curved. ``drawn`` (B,) says which frames have them.

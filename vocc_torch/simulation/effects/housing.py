@@ -52,17 +52,12 @@ class PanelAbsent(Effect, on=Quantity.LED_LUMINANCE):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Put out the (B,R,C) luminance of panels that are not there."""
-        return value * self.present(context).to(value).view(-1, 1, 1)
-
-    def present(self, context: Context) -> Tensor:
-        """Which frames have a panel, (B,) bool."""
-        drawn = context.draws(self.name, Generator.random, of_scene=True)
-        return drawn >= self.share
+        return value * present(context).to(value).view(-1, 1, 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How each frame's LEDs look, each (B,): m, bool, 0 to 1, and bool: whether Off LEDs can be seen."""
+    """How each frame's LEDs look, each (B,1,1): m, bool, 0 to 1, and bool: whether Off LEDs can be seen."""
 
     radius_m: Tensor
     square: Tensor
@@ -109,7 +104,7 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Send the (B,R,C) light of an LED from the area that it has; the painter asks for the look."""
         nominal = context.panel.led_diameter_m / (2 * self.look(context).radius_m)
-        return value * nominal.square().clamp(min=1).to(value).view(-1, 1, 1)
+        return value * nominal.square().clamp(min=1).to(value)
 
     def look(self, context: Context) -> Look:
         """Draw each frame's look."""
@@ -118,7 +113,7 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
             return self.drawn("fill", g), self.drawn("reflectance", g), *g.random(2)
 
         drawn = context.draws(self.name, draw, of_scene=True)
-        fill, reflectance, shape, visibility = drawn.unbind(1)
+        fill, reflectance, shape, visibility = drawn[..., None, None].unbind(1)
         radius = fill * (context.panel.pitch_m / 2)
         return Look(
             radius, shape < self.square, reflectance, visibility >= self.invisible
@@ -221,8 +216,7 @@ class Housing(street.Sketched):
     def draw(self, layer: street.Layer, generator: Generator) -> None:
         """Draw one frame's board, rim and cables, where it has a panel."""
         parts = self.sketch(generator, layer.camera_view.context).parts
-        panel_present = present(layer.camera_view.context)
-        if parts and (panel_present is None or bool(panel_present)):
+        if parts and bool(present(layer.camera_view.context)):
             layer.lay(parts, functools.partial(street.onto, layer.camera_view))
 
     def sketch(self, generator: Generator, context: Context) -> Sketch:
@@ -264,10 +258,12 @@ def look(context: Context) -> Look | None:
     return None if effect is None else effect.look(context)
 
 
-def present(context: Context) -> Tensor | None:
-    """Which frames have a panel, (B,) bool, or None where all have."""
-    effect = of_kind(context.effects, PanelAbsent)
-    return None if effect is None else effect.present(context)
+def present(context: Context) -> Tensor:
+    """Which frames have a panel, (B,) bool."""
+    if effect := of_kind(context.effects, PanelAbsent):
+        drawn = context.draws(effect.name, Generator.random, of_scene=True)
+        return drawn >= effect.share
+    return torch.ones_like(context.scene.distance_m, dtype=torch.bool)
 
 
 AT_THE_LEDS = (LedLook, Multiplexing, PanelAbsent)
