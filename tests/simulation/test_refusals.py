@@ -132,7 +132,7 @@ def test_a_scene_whose_effects_do_not_fit(row):
 def test_a_parameter_without_a_default_must_be_given():
     with pytest.raises(
         VoccError,
-        match=r"^scene\.effects\.blooming\.sigma_px is None: it must be above 0 and at most 32$",
+        match=r"^scene\.effects\.blooming\.sigma_px is None: it must be a number, above 0 and at most 32$",
     ):
         Blooming(sigma_px=None)
 
