@@ -273,6 +273,11 @@ def in_runs(call: Callable[[], object]) -> None:
     call()
 
 
+def json_bytes(value: object) -> bytes:
+    """Write a value as JSON."""
+    return json.dumps(value).encode()
+
+
 def changed(value: Any, odd: Any) -> Iterator[tuple[str, Any]]:
     """Put an odd value in each place of nested settings, one at a time."""
     places = value.items() if isinstance(value, dict) else enumerate(value)
@@ -536,9 +541,11 @@ class Attacks:
         """Ledgers whose rows are changed and whose checksums are right."""
         ledger = self.place / "run" / "runs" / "x" / "ledger.sqlite"
         with closing(sqlite3.connect(ledger)) as file:
-            packed = file.execute("SELECT content FROM blocks").fetchone()[0]
+            packed = file.execute("SELECT content FROM blocks WHERE frames").fetchone()[
+                0
+            ]
             trained = json.loads(
-                file.execute("SELECT content FROM trained").fetchone()[0]
+                file.execute("SELECT content FROM blocks WHERE frames=0").fetchone()[0]
             )
         table = np.frombuffer(zlib.decompress(packed), "<i4").reshape(4, -1)
         blocks = {"nothing": b"", "text": b"text", "short": zlib.compress(b"1234")}
@@ -548,27 +555,26 @@ class Attacks:
             numbers[row] = value
             blocks[f"row {row} of {value}"] = zlib.compress(numbers.tobytes())
         for name, content in blocks.items():
-            yield self.forged(f"blocks: {name}", "blocks", content)
+            yield self.forged(f"blocks: {name}", "frames > 0", content)
         for odd in ("a", None, -1, [], {}, {"a": 1}, 10**30, ORDER):
-            yield self.forged(f"trained is {odd}", "trained", json.dumps(odd))
+            yield self.forged(f"trained is {odd}", "frames = 0", json_bytes(odd))
             for place, other in changed(trained, odd):
-                yield self.forged(f"{place} is {odd}", "trained", json.dumps(other))
+                content = json_bytes(other)
+                yield self.forged(f"{place} is {odd}", "frames = 0", content)
 
-    def forged(self, name: str, table: str, content: str | bytes) -> Attempt:
-        """Go on with a ledger of which every row of a table has other content."""
+    def forged(self, name: str, where: str, content: bytes) -> Attempt:
+        """Go on with a ledger of which some rows have other content."""
 
         def forge(run: Path) -> None:
             with closing(sqlite3.connect(run / "ledger.sqlite")) as file, file:
                 settings = file.execute("SELECT settings FROM identity").fetchone()[0]
-                for *row, _, _ in file.execute(f"SELECT * FROM {table}").fetchall():
-                    text = content.hex() if isinstance(content, bytes) else content
-                    digest = sha256(json.dumps([settings, *row, text]).encode())
-                    change = f"UPDATE {table} SET content=?, digest=? WHERE "
-                    keys = (
-                        ("point", "block", "frames") if table == "blocks" else ("key",)
-                    )
-                    where = " AND ".join(f"{key}=?" for key in keys)
-                    file.execute(change + where, (content, digest.hexdigest(), *row))
+                rows = file.execute(f"SELECT * FROM blocks WHERE {where}").fetchall()
+                for *row, _, _ in rows:
+                    told = json.dumps([settings, *row, content.hex()])
+                    digest = sha256(told.encode()).hexdigest()
+                    change = "UPDATE blocks SET content=?, digest=? WHERE "
+                    keys = "point=? AND block=? AND frames=?"
+                    file.execute(change + keys, (content, digest, *row))
 
         return Attempt(name, RUN, self.resumed("run", forge))
 

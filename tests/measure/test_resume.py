@@ -85,7 +85,7 @@ def rows_in(ledger, alive=False):
         where = f"file:{ledger}?mode=ro{'&immutable=1' * alive}"
         with closing(sqlite3.connect(where, uri=True)) as connection:
             return connection.execute(
-                "SELECT point, block, frames FROM blocks ORDER BY 1, 2, 3"
+                "SELECT point, block, frames FROM blocks WHERE frames ORDER BY 1, 2, 3"
             ).fetchall()
     except sqlite3.Error:
         return []

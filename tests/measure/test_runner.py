@@ -123,9 +123,7 @@ def store(tmp_path):
 
 def blocks_of(store, rows):
     """Frames of each block of a point."""
-    return dict(
-        store._run("SELECT block, frames FROM blocks WHERE point=?", (rows,)).fetchall()
-    )
+    return dict(store._run("SELECT block, frames FROM blocks WHERE point=?", rows))
 
 
 def again(points, **changes):

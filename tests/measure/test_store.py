@@ -148,8 +148,8 @@ def test_a_changed_byte_is_refused_or_changes_no_number(three_blocks, data):
         "UPDATE blocks SET digest = 'x'",
         "UPDATE blocks SET content = NULL",
         "UPDATE blocks SET content = 7",
-        "UPDATE trained SET content = '{}'",
-        "UPDATE trained SET key = 'other'",
+        "UPDATE blocks SET content = '{}' WHERE point = 'key'",
+        "UPDATE blocks SET point = 'other' WHERE point = 'key'",
         "DELETE FROM identity",
         "INSERT INTO identity SELECT * FROM identity",
     ],
@@ -157,9 +157,9 @@ def test_a_changed_byte_is_refused_or_changes_no_number(three_blocks, data):
 def test_a_changed_row_is_damage(path, statement):
     filled(path)
     with Store.open(path, SETTINGS) as store:
-        store.add_trained("key", '{"a": 1}')
-        store.add_trained("key", '{"a": 2}')
-        assert (store.trained("key"), store.trained("other")) == ({"a": 2}, None)
+        store.add("key", 0, 0, b"1", anew=True)
+        store.add("key", 0, 0, b"2", anew=True)
+        assert (store.find("key", 0, 0), store.find("other", 0, 0)) == (b"2", None)
     change(path, statement)
     before = path.read_bytes()
     refusal(

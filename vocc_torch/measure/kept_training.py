@@ -4,6 +4,7 @@ They stand under a key of all that training depends on, as numbers, texts and ar
 executed: a classifier is built from the plan of the run that goes on, and takes up what it had learned.
 """
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
@@ -22,6 +23,8 @@ from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.model_file import MOST_BYTES, array_of, arrays_as_json
 
+_PLACE = (0, 0)
+"""Block and frames of a row that is no block."""
 _NUMBERS = ("frames", "missed", "seconds")
 _NOT_KEPT = (
     VoccError,
@@ -42,9 +45,9 @@ def find(store: Store, key: str, plan: Plan) -> Training | None:
         key: of :func:`vocc_torch.measure.train.training_key`.
         plan: what they are trained for.
     """
-    content = store.trained(key)
+    content = store.find(key, *_PLACE)
     with suppress(*_NOT_KEPT):
-        return None if content is None else _unpacked(content, plan)
+        return None if content is None else _unpacked(json.loads(content), plan)
     return None
 
 
@@ -60,7 +63,7 @@ def keep(store: Store, key: str, plan: Plan, training: Training) -> None:
         if _alike(training, _unpacked(packed, plan), plan):
             content = canonical(packed)
     if 0 < len(content) <= MOST_BYTES:
-        store.add_trained(key, content)
+        store.add(key, *_PLACE, content.encode(), anew=True)
 
 
 def train_plans(

@@ -1,6 +1,6 @@
 """The store of a run: an SQLite file that is ledger, result and checkpoint.
 
-It has a row for each block of a point that was counted, and what was trained. A run that is killed at any
+It has a row for each block of a point that was counted, and for what was trained. A run that is killed at any
 moment and started again takes both from there, and ends with the numbers of a run that nobody disturbed.
 """
 
@@ -23,13 +23,12 @@ SUFFIX = ".sqlite"
 
 _APPLICATION = int.from_bytes(b"vocc", "big")
 _LEAST_BYTES = 512  # of an SQLite file; shorter ones SQLite takes for empty
-_FORMAT = 2
+_FORMAT = 3
 """Of the tables; another one is refused."""
 _TABLES = (
     "CREATE TABLE identity (settings TEXT, package TEXT)",
     "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, content BLOB, digest TEXT, "
     "PRIMARY KEY (point, block, frames)) WITHOUT ROWID",
-    "CREATE TABLE trained (key TEXT PRIMARY KEY, content TEXT, digest TEXT) WITHOUT ROWID",
 )
 _ANOTHER = "choose another ledger"
 _STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
@@ -71,13 +70,8 @@ class Store(AbstractContextManager["Store"]):
         self, path: Path, connection: sqlite3.Connection, settings: str
     ) -> None:
         """Take what :meth:`open` has opened; use that."""
-        self.path = path
-        self._run, self.close, self._connection = (
-            connection.execute,
-            connection.close,
-            connection,
-        )
-        self._settings, self._inode = settings, -1
+        self.path, self.close = path, connection.close
+        self._connection, self._settings, self._inode = connection, settings, -1
 
     @classmethod
     def open(cls, path: str | Path, settings: Mapping[str, object]) -> Self:
@@ -133,7 +127,7 @@ class Store(AbstractContextManager["Store"]):
                 self._run(statement)
             self._run(f"PRAGMA application_id={_APPLICATION}")
             self._run(f"PRAGMA user_version={_FORMAT}")
-            self._run("INSERT INTO identity VALUES (?, ?)", (self._settings, _code()))
+            self._run("INSERT INTO identity VALUES (?, ?)", self._settings, _code())
         self._run("COMMIT")
 
     def _check(self) -> None:
@@ -145,15 +139,10 @@ class Store(AbstractContextManager["Store"]):
             raise self._refusal(
                 f"has format {version}, and this release {_FORMAT}", release
             )
-        tables = tuple(
-            row[0]
-            for row in self._run("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
-        )
-        if tables != _TABLES:
+        tables = self._run("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
+        if tables != [(table,) for table in _TABLES]:
             raise self._refusal(*_DAMAGED)
-        ((settings, package),) = self._run(
-            "SELECT settings, package FROM identity"
-        ).fetchall()
+        ((settings, package),) = self._run("SELECT settings, package FROM identity")
         begun_with, _, source = str(package).partition(" ")
         if begun_with != __version__:
             raise self._refusal(
@@ -170,16 +159,18 @@ class Store(AbstractContextManager["Store"]):
             )
         if self._first("PRAGMA integrity_check(1)") != "ok":
             raise self._refusal(*_DAMAGED)
-        for table in ("blocks", "trained"):
-            for *row, digest in self._run(f"SELECT * FROM {table}"):
-                if self._digest(*row) != digest:
-                    raise self._refusal(*_DAMAGED)
+        for *row, digest in self._run("SELECT * FROM blocks"):
+            if self._digest(*row) != digest:
+                raise self._refusal(*_DAMAGED)
+
+    def _run(self, statement: str, *values: object) -> list[tuple[Any, ...]]:
+        """Run a statement, and give the rows that it finds."""
+        with _told(self.path):
+            return self._connection.execute(statement, values).fetchall()
 
     def _first(self, query: str, *values: object) -> Any:
         """Give the first value that a query finds, or None."""
-        with _told(self.path):
-            row = self._run(query, values).fetchone()
-            return None if row is None else row[0]
+        return next(iter(self._run(query, *values)), (None,))[0]
 
     def _digest(self, *row: object) -> str:
         """Give the checksum of a row of these settings."""
@@ -201,30 +192,14 @@ class Store(AbstractContextManager["Store"]):
         self.close()
 
     def __len__(self) -> int:
-        """Count the rows."""
-        return int(self._first("SELECT count(*) FROM blocks"))
+        """Count the blocks."""
+        return int(self._first("SELECT count(*) FROM blocks WHERE frames"))
 
     def find(self, point: str, block: int, frames: int) -> bytes | None:
         """Give what was counted in exactly this many frames of a block, or None."""
         content = "SELECT content FROM blocks WHERE point=? AND block=? AND frames=?"
         found: bytes | None = self._first(content, point, block, frames)
         return found
-
-    def trained(self, key: str) -> dict[str, Any] | None:
-        """Give what :meth:`add_trained` wrote under a key, or None."""
-        text = self._first("SELECT content FROM trained WHERE key=?", key)
-        with _told(self.path):
-            return None if text is None else dict(json.loads(text))
-
-    def add_trained(self, key: str, content: str) -> None:
-        """Write trained receivers, JSON text, under a key; what stood there is replaced.
-
-        Raises:
-            VoccError: as :meth:`add`.
-        """
-        with _told(self.path):
-            row = key, content, self._digest(key, content)
-            self._run("INSERT OR REPLACE INTO trained VALUES (?, ?, ?)", row)
 
     @contextmanager
     def together(self) -> Iterator[None]:
@@ -233,43 +208,44 @@ class Store(AbstractContextManager["Store"]):
         Raises:
             VoccError: as :meth:`add`.
         """
-        with _told(self.path):
-            self._demand_file()
-            self._run("BEGIN")
+        self._demand_file()
+        self._run("BEGIN")
         try:
             yield
         finally:  # also what came before an error
-            with _told(self.path):
-                if self._connection.in_transaction:
-                    self._run("COMMIT")
+            if self._connection.in_transaction:
+                self._run("COMMIT")
 
     def _demand_file(self) -> None:
         """Refuse to write to a file that is no longer where it was."""
-        if not self.path.exists() or self.path.stat().st_ino != self._inode:
+        with _told(self.path):
+            there = self.path.exists() and self.path.stat().st_ino == self._inode
+        if not there:
             raise self._refusal("was deleted under this run", "start it again to go on")
 
-    def add(self, point: str, block: int, frames: int, content: bytes) -> None:
+    def add(
+        self, point: str, block: int, frames: int, content: bytes, *, anew: bool = False
+    ) -> None:
         """Add a row; one that is already there is not written twice.
 
         Args:
-            point: the point's name, which keys its random draws.
+            point: the point's name, which keys its random draws, or another key.
             block: index of the block, at least 0.
-            frames: how many of its frames were used, from the first on, 1 to 64.
+            frames: how many of its frames were used, from the first on, 1 to 64; 0 for what is no block.
             content: what was counted.
+            anew: whether another content takes the place of what is there.
 
         Raises:
             VoccError: a row that contradicts one that is there, or the disk is full or refuses. The file is
                 then as it was before.
         """
-        row = point, block, frames, content
-        with _told(self.path):
+        known, row = self.find(point, block, frames), (point, block, frames, content)
+        if known is None or anew:
             if not self._connection.in_transaction:
                 self._demand_file()
             line = (*row, self._digest(*row))
-            added = self._run(
-                "INSERT OR IGNORE INTO blocks VALUES (?, ?, ?, ?, ?)", line
-            ).rowcount
-        if not added and self.find(point, block, frames) != content:
+            self._run("INSERT OR REPLACE INTO blocks VALUES (?, ?, ?, ?, ?)", *line)
+        elif known != content:
             other = f"has other counts for block {block} of {point}"
             raise self._refusal(
                 other, f"its settings miss what they depend on, {_ANOTHER}"
