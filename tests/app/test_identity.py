@@ -154,4 +154,4 @@ def test_effects_from_outside_are_known_by_code_files_and_place(
         assert change.startswith(f"{key} was ")
         Path(name).write_bytes(content)
     (change,) = what_changed(before, stated(after="blooming"))
-    assert change == "effects.smear.after was null, is blooming"
+    assert change == "effects.smear.after was not set, is blooming"

@@ -19,7 +19,7 @@ from vocc_torch.errors import (
 )
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
-from vocc_torch.plugins import TARGET, PlugIn
+from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.inputs import demand_features
@@ -33,8 +33,7 @@ from vocc_torch.receiver.locators import (
 )
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation import Camera, Distribution, LedPanel, SceneModel, Simulator
-from vocc_torch.simulation.effects import AFTER, Parameters, build_effects, plug_ins
-from vocc_torch.simulation.effects.backdrops import Photographs
+from vocc_torch.simulation.effects import Parameters, build_effects, plug_ins
 from vocc_torch.simulation.simulator import PAPER_EFFECTS, Framing
 from vocc_torch.types import resolve_device as resolve_device
 
@@ -309,38 +308,27 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         True
     """
     settings, experiment = _plain(plan), plan.experiment
-    del settings["world"]["device"], settings["receiver"]["save"]
-    for classifier in settings["receiver"]["classifiers"]:
+    receiver = settings["receiver"]
+    del settings["world"]["device"], receiver["save"]
+    for classifier in receiver["classifiers"]:
         classifier["training"]["checkpoints"] = None  # where they are changes no weight
+    # By name, so that a refusal names the one that differs.
+    for parts in (receiver, receiver["reader"]):
+        for key, value in parts.items():
+            if isinstance(value, list) and key != "names":
+                parts[key] = {part["name"]: part for part in value}
     built = build_effects(plan.world.effects)
     effects = {effect.name: _plain(effect) for effect in built}
-    outside = plug_ins(plan.world.effects)
-    for name, part in outside.items():
-        effects[name] |= {TARGET: part.target, AFTER: part.arguments.get(AFTER)}
-    receiver = plan.receiver
-    parts = {f"effects.{name}": part for name, part in outside.items()}
-    parts |= {f"locators.{part.name}": part for part in receiver.locators.values()}
-    parts |= {f"classifiers.{part.name}": part.build for part in receiver.classifiers}
-    parts |= {f"features.{part.name}": part for part in receiver.reader.more}
-    made_with: dict[str, Any] = {name: part.maker for name, part in parts.items()}
-    made_with |= {
-        f"{name}.{key}": digest
-        for name, part in parts.items()
-        for key, digest in part.files.items()
-    }
-    made_with |= {
-        f"effects.{effect.name}": effect.digest
-        for effect in built
-        if isinstance(effect, Photographs)
-    }
-    made_with["device"] = resolve_device(plan.world.device).type
+    for name, part in plug_ins(plan.world.effects).items():
+        effects[name] |= {"plug_in": _plain(part)}
+    made_with: dict[str, Any] = {"device": resolve_device(plan.world.device).type}
     for package in (torch, np):
         release = str(package.__version__).split(".")
         made_with[package.__name__] = ".".join(release[:2])
     return {
         "seed": plan.seed,
         "world": {**settings["world"], "effects": effects},
-        "receiver": {**settings["receiver"], "locator": list(locators)},
+        "receiver": {**receiver, "locator": list(locators)},
         "experiment": {
             "name": experiment.name,
             "axis": experiment.axis,
@@ -371,5 +359,7 @@ def _fields(value: object) -> object:
     if is_dataclass(value):
         # What cannot be given cannot tell two studies apart: it is what an instance keeps for itself.
         names = [attribute.name for attribute in fields(value) if attribute.init]
+        # And by its code and the content of its files, which its fields only name.
+        names += [name for name in ("maker", "files", "digest") if hasattr(value, name)]
         return {name: getattr(value, name) for name in names}
     return dict(value) if isinstance(value, Mapping) else str(value)

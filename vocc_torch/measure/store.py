@@ -7,6 +7,7 @@ moment and started again takes both from there, and ends with the numbers of a r
 import hashlib
 import json
 import os
+import re
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -35,6 +36,8 @@ _STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
 _DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything again")
 _LONGEST = 200
 """Most characters of a refusal, unless the path is very long."""
+_UNSAID = r"^(world|made_with)\.|\.(plug_in|arguments|maker|files)\b"
+"""Parts of a setting's place that say nothing to its user."""
 _BUSY = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 _FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
 _REFUSED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
@@ -327,7 +330,7 @@ def what_changed(there: object, here: object) -> list[str]:
     changes = []
     for name in sorted(name for name in {*old, *new} if old.get(name) != new.get(name)):
         was, now = (_cut(texts.get(name, "not set"), 40) for texts in (old, new))
-        key = name.removeprefix("world.").removeprefix("made_with.")
+        key = re.sub(_UNSAID, "", name)
         changes.append(f"{key} was {was}, is {now}")
     return changes
 

@@ -5,6 +5,7 @@ import pickle
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from vocc_torch.plugins import one_line
 from vocc_torch.receiver import discriminant
 from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
 from vocc_torch.receiver.calibration import Calibration, appearance, ranges_of
-from vocc_torch.receiver.classifiers import Guarded, Inputs, plugged
+from vocc_torch.receiver.classifiers import Guarded, plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import locator_settings, locator_words
 from vocc_torch.receiver.reader import Readings
@@ -156,7 +157,8 @@ def train_flda(
     begun, frames = time.perf_counter(), plan.budget.training_frames
     flda = FLDA(_N_FEATURES).to(link.simulator.device)
     scenes = plan.experiment.training_model(plan.world)
-    stream = PanelStream(link, scenes, plan.seed, None, training_point(number))
+    inputs, point = attrgetter("features"), training_point(number)
+    stream = PanelStream(link, scenes, plan.seed, inputs, point)
     samples: list[tuple[Tensor, Tensor]] = []
     # A block at a time: sums then do not depend on the batch's size.
     for block, (features, bits) in enumerate(stream(0, frames)):
@@ -295,7 +297,7 @@ class PanelStream:
         link: simulation, locator and reader.
         model: the training scenes.
         seed: root seed.
-        inputs: what the classifier sees; None for every feature of the reader as it is.
+        inputs: gives what the classifier sees.
         point: name that keys the frames.
         frames: panels that it was shown so far.
         seconds: wall time that went into them so far.
@@ -304,7 +306,7 @@ class PanelStream:
     link: Link
     model: SceneModel
     seed: int
-    inputs: Inputs | None
+    inputs: Callable[[Readings], Tensor]
     point: str = "train"
     frames: int = 0
     seconds: float = 0.0
@@ -318,19 +320,10 @@ class PanelStream:
         if first % BLOCK_FRAMES:
             rule = f"a multiple of {BLOCK_FRAMES}"
             raise VoccError.of("first", first, rule)
-        begun = time.perf_counter()
-        for x, bits, found in self._read(first, count):
-            self.frames += int(found.sum())
-            self.seconds += time.perf_counter() - begun
-            yield x[found], bits[found]
-            begun = time.perf_counter()
-        self.seconds += time.perf_counter() - begun
-
-    def _read(self, first: int, count: int) -> Iterator[tuple[Tensor, ...]]:
-        """Yield what the classifier sees, bits, and whether the panel was found, block by block."""
         keys = block_keys(self.seed, self.point, first + count, first)
         # Batches may be smaller or larger than a block.
         blocks = -(-self.link.batch_frames // BLOCK_FRAMES)
+        begun = time.perf_counter()
         for start in range(0, len(keys), blocks):
             views = self.link.observe(
                 self.model,
@@ -338,22 +331,17 @@ class PanelStream:
                 preambles=False,
                 frames=count - start * BLOCK_FRAMES,
             )
-            parts = [
-                (self._inputs(view.readings), view.bits, view.panels.found)
-                for view in views
+            seen = [
+                (self.inputs(at.readings), at.bits, at.panels.found) for at in views
             ]
-            yield from zip(
-                *(
-                    torch.split(torch.cat(part), BLOCK_FRAMES)
-                    for part in zip(*parts, strict=True)
-                ),
-                strict=True,
-            )
-
-    def _inputs(self, readings: Readings) -> Tensor:
-        if self.inputs is None:
-            return readings.features
-        return self.inputs.of(readings)
+            parts = map(torch.cat, zip(*seen, strict=True))
+            split = (torch.split(part, BLOCK_FRAMES) for part in parts)
+            for x, bits, found in zip(*split, strict=True):
+                self.frames += int(found.sum())
+                self.seconds += time.perf_counter() - begun
+                yield x[found], bits[found]
+                begun = time.perf_counter()
+        self.seconds += time.perf_counter() - begun
 
 
 def train_classifiers(
@@ -380,7 +368,7 @@ def train_classifiers(
     for recipe in plan.receiver.classifiers:
         model = narrowed(scenes, recipe.scene, f"classifiers.{recipe.name}.scene")
         point = training_point(number)
-        stream = PanelStream(link, model, plan.seed, recipe.inputs, point)
+        stream = PanelStream(link, model, plan.seed, recipe.inputs.of, point)
         steps = replace(recipe.training, seed=recipe.training.seed + number)
         guarded = plugged.classifier_of(recipe.build, recipe.inputs, steps)
         begun = time.perf_counter()

@@ -65,10 +65,7 @@ class Comparison:
         """The first rate less the second one: paired by frame at one value, else of independent frames."""
         (first, x), (second, y), curves = self.above, self.below, self.curves
         if x == y:
-            found = curves.trained_pair(first, second, x, confidence)
-            return found or paired.paired_interval(
-                curves.pair(first, second, x), confidence
-            )
+            return curves.difference(first, second, x, confidence)
         counts = curves.tested(first, x), curves.tested(second, y)
         apart = paired.difference_independent(*counts, confidence)
         if not curves.trained:
@@ -87,12 +84,8 @@ class Comparison:
 
 def measured_rate(curves: curve.Curves, receiver: str, value: float) -> Estimate:
     """A bit error rate with its interval; without errors the high end is the one-sided limit."""
-    # The limit of a point without errors looks at the receiver's other points.
-    table = curve.BerTable(
-        point for point in curves.points() if point.receiver == receiver
-    )
-    row = next(row for row in table if row.value == value)
-    return row.algorithm or Estimate(row.ber, row.ber_low, row.ber_high)
+    rows = curves.table().of(receiver)
+    return next(row.rate for row in rows if row.value == value)
 
 
 def quoted_counts(
