@@ -97,9 +97,6 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
     if budget.sampling and settings.task != "test":
         rule = f"null for task={settings.task}: only task=test uses it"
         raise VoccError.of("budget.sampling", budget.sampling, rule)
-    if settings.task not in plans.TRAINS_OFTEN:
-        # Of a named budget; where it is typed it is refused.
-        budget = replace(budget, trainings=1)
     receivers = receiver_plan(
         settings, world.panel, settings.task in ("train", "decode", "receive")
     )

@@ -161,24 +161,17 @@ class Workers:
             return result
         packed = about_run(self._kind), _packed(call), pickle.dumps(argument)
         try:
-            return Reply(self._opened().submit(*packed))
+            self._pool = self._pool or process_pool(self.count)
+            return Reply(self._pool.submit(*packed))
         except futures.BrokenExecutor as error:
             raise _lost(error) from error
-
-    def _opened(self) -> WorkerPool:
-        if self._pool is None:
-            if self._kind in CLUSTERS:
-                self._pool = _joined(self._kind, self._address)
-            else:
-                self._pool = process_pool(self.count)
-        return self._pool
 
     def __enter__(self) -> Self:
         """Join the cluster, if there is one; no process of this machine is started yet."""
         if self._here:
             timing.settle_memory()
         if self._kind in CLUSTERS:
-            self._opened()
+            self._pool = _joined(self._kind, self._address)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -233,8 +226,8 @@ def process_pool(count: int) -> WorkerPool:
             return executor.submit(called, *packed)
 
     def end(at_once: bool) -> None:
-        # Before Python 3.14 a pool has no other way to end at once.
-        for process in list((executor._processes or {}).values()) if at_once else ():
+        # Before Python 3.14 a pool has no way of its own to end at once.
+        for process in multiprocessing.active_children() if at_once else ():
             process.terminate()
         executor.shutdown(cancel_futures=True)
 

@@ -40,8 +40,6 @@ from vocc_torch.types import resolve_device as resolve_device
 Locator = str
 """A locator's name; ``truth`` takes the simulator's own corners."""
 OWN_LOCATORS = ("truth", *LOCATORS)
-TRAINS_OFTEN = ("test", "figures", "tradeoff", "classifiers")
-"""The tasks that train a receiver as often as ``budget.trainings`` says; the others train it once."""
 
 
 @dataclass(frozen=True)

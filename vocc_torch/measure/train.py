@@ -87,12 +87,15 @@ class Training:
 
     def bank(self, names: Sequence[str]) -> ReceiverBank:
         """Give the named receivers, ready to decide."""
+        return ReceiverBank(names, self.flda, self.classifiers)
+
+    def banks(self, names: Sequence[str]) -> list[ReceiverBank]:
+        """Give the named receivers after each training; of further ones those that learn."""
         learners = [
             name for name in names if name in FLDA_FEATURES or self.making(name).frames
         ]
         further = self.further if learners else ()
-        banks = [training.bank(learners) for training in further]
-        return ReceiverBank(names, self.flda, self.classifiers, banks)
+        return [self.bank(names), *(training.bank(learners) for training in further)]
 
     @classmethod
     def joined(cls, parts: "Sequence[Training]") -> "Training":

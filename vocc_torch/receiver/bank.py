@@ -76,7 +76,6 @@ class ReceiverBank:
         names: receivers to run, in the order of the results.
         flda: fitted on all three features; the receivers on fewer features follow from the same statistics.
         plugged_in: trained classifiers by name.
-        more: those of them that learn, from each further training.
 
     Raises:
         VoccError: an unknown name.
@@ -89,11 +88,9 @@ class ReceiverBank:
         names: Sequence[str],
         flda: FLDA,
         plugged_in: Mapping[str, Guarded] | None = None,
-        more: "Sequence[ReceiverBank]" = (),
     ) -> None:
         demand_kind("flda", flda, FLDA)
-        plugged_in, self.more = plugged_in or {}, tuple(more)
-        self.deciders = {}
+        plugged_in, self.deciders = plugged_in or {}, {}
         for name in check_receivers(names, tuple(plugged_in)):
             if name in FLDA_FEATURES:
                 self.deciders[name] = FldaDecider(
@@ -105,12 +102,10 @@ class ReceiverBank:
                 )
 
     @classmethod
-    def of(
-        cls, deciders: Mapping[str, Decider], more: "Sequence[ReceiverBank]" = ()
-    ) -> Self:
+    def of(cls, deciders: Mapping[str, Decider]) -> Self:
         """Put what decides together, by name."""
         bank = cls.__new__(cls)
-        bank.deciders, bank.more = dict(deciders), tuple(more)
+        bank.deciders = dict(deciders)
         return bank
 
     @property
@@ -133,8 +128,7 @@ class ReceiverBank:
     def to(self, device: torch.device) -> Self:
         """Copy them to a device."""
         return self.of(
-            {name: decider.to(device) for name, decider in self.deciders.items()},
-            self.more,
+            {name: decider.to(device) for name, decider in self.deciders.items()}
         )
 
     def scores(

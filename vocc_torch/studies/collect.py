@@ -156,32 +156,24 @@ def read_jobs(place: Path, name: str) -> list[SweepJob]:
         name: the job's.
     """
     settings: Mapping[str, object] = {}
-    tables: Mapping[tuple[str, str], curve.BerTable | None] = {("", ""): None}
+    tables: Mapping[tuple[str, str], curve.BerTable | None] = {}
     status: Status = "done"
     complaint = ""
     try:
         settings = config.read_flat(place / run_folder.CONFIG)
     except VoccError as error:
         complaint = printable(str(error))
-    if (place / TABLE).exists():
-        try:
-            tables = rate_tables.read_tables(place / TABLE)
-        except VoccError as error:
-            return [SweepJob(name, "unreadable", printable(str(error)), None, settings)]
-        if not tables:
-            return [
-                SweepJob(
-                    name,
-                    "unreadable",
-                    f"{place / TABLE} has no point in it",
-                    None,
-                    settings,
-                )
-            ]
-    else:
-        status = "unfinished"
-        complaint = f"no {TABLE} yet: the same command, run again, finishes this job"
-    if (place / FAILED).exists():
+    try:
+        if not (place / TABLE).exists():
+            status = "unfinished"
+            complaint = (
+                f"no {TABLE} yet: the same command, run again, finishes this job"
+            )
+        elif not (tables := rate_tables.read_tables(place / TABLE)):
+            raise VoccError(f"{place / TABLE} has no point in it")
+    except VoccError as error:
+        status, complaint = "unreadable", printable(str(error))
+    if (place / FAILED).exists() and status != "unreadable":
         status, complaint = "failed", f"{FAILED} cannot be read"
         with suppress(VoccError):
             lines = read_file(place / FAILED).decode("utf-8", "replace").splitlines()
@@ -194,7 +186,7 @@ def read_jobs(place: Path, name: str) -> list[SweepJob]:
             table,
             {**settings, axis: value} if axis and settings else settings,
         )
-        for (axis, value), table in tables.items()
+        for (axis, value), table in (tables or {("", ""): None}).items()
     ]
 
 

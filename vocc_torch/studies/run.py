@@ -139,8 +139,7 @@ class Run:
         banks: list[sweep.NumberedBank] = []
         for source, key in zip(case.trained_on, keys, strict=True):
             locator = source.receiver.locator
-            first = self._trainings[key].bank(plan.receiver.names)
-            for bank in (first, *first.more):
+            for bank in self._trainings[key].banks(plan.receiver.names):
                 number = sum(locator == other for other, _, _ in banks)
                 banks.append((locator, bank, number))
         settings = identity(plan, [locator for locator, _, _ in banks])
