@@ -283,20 +283,13 @@ class Frames(Batched):
             VoccError: no tensor and no NumPy array, or another shape.
         """
         grey = tensor_of("grey", grey)
-        planes = (
-            grey[None, None]
-            if grey.ndim == 2
-            else grey.unsqueeze(1)
-            if grey.ndim == 3
-            else grey
-        )
+        planes = grey[None] if grey.ndim == 2 else grey
+        planes = planes.unsqueeze(1) if planes.ndim == 3 else planes
         if planes.ndim != 4 or planes.shape[1] != 1:
             raise VoccError(
                 f"grey has shape {tuple(grey.shape)}: it must be (H,W), (B,H,W) or (B,1,H,W)"
             )
-        origin = torch.zeros(
-            planes.shape[0], 2, dtype=torch.int64, device=planes.device
-        )
+        origin = planes.new_zeros(len(planes), 2, dtype=torch.int64)
         return cls(planes, origin, (planes.shape[-2], planes.shape[-1]))
 
     @classmethod

@@ -110,13 +110,13 @@ def begin_again(folder: Path) -> bool:
     names.discard(UNFINISHED)
     if not inside_runs(folder):
         return not names
-    attempted = FAILED in names and names <= {FAILED, CONFIG}
-    resumable = "ledger.sqlite" in names
+    attempted = names <= {FAILED, CONFIG}
+    resumable = not names.isdisjoint({"ledger.sqlite", "ledgers"})
     if attempted:
         (folder / CONFIG).unlink(missing_ok=True)
     if attempted or resumable:
         (folder / FAILED).unlink(missing_ok=True)
-    return not names or attempted or (resumable and "ber.csv" not in names)
+    return attempted or (resumable and "ber.csv" not in names)
 
 
 def write_down(folder: Path, complaint: str, trace: str, configuration: str) -> None:

@@ -69,12 +69,6 @@ LOST_WORKER = (
 )
 
 
-def is_choice(override: Override) -> bool:
-    """Whether a word chooses an option of a group, or is one of Hydra's own."""
-    key = str(override.key_or_group)
-    return key in GROUPS or "/" in key or override.package is not None
-
-
 def hydra_words(words: Sequence[str], sweeps: bool = False) -> list[str]:
     """Give the words as Hydra takes them, which then leaves the check of the keys to the schema.
 
@@ -95,13 +89,11 @@ def hydra_words(words: Sequence[str], sweeps: bool = False) -> list[str]:
         if override.is_sweep_override() and not sweeps:
             rule = "one value; -m runs several, and a list is written [a,b]"
             raise VoccError.of(key, word.partition("=")[2], rule)
-        if key.startswith("hydra.") or override.is_delete():
-            taken.append(word)
-        elif is_choice(override):
+        chooses = key in GROUPS or "/" in key or override.package is not None
+        own = chooses or key.startswith("hydra.") or override.is_delete()
+        if key in GROUPS and not override.is_delete():
             demand_option(override)
-            taken.append(word)
-        else:
-            taken.append(f"++{word.lstrip('+')}")
+        taken.append(word if own else f"++{word.lstrip('+')}")
     return taken
 
 
@@ -112,7 +104,7 @@ def demand_option(override: Override) -> None:
         VoccError: with the group.
     """
     group = str(override.key_or_group)
-    if group not in GROUPS or override.is_sweep_override():
+    if override.is_sweep_override():
         return
     value: Any = override.value()
     several = isinstance(value, list) and group == "classifier"

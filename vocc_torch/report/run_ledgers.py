@@ -99,18 +99,21 @@ def lost_settings(
         >>> lost_settings({"frames": 512, "values": [1, 2], "seed": 0}, {"frames": 64, "values": [1, 2, 3]})
         ['frames=512']
     """
-    lost = []
-    for key in (key for key in before if key in after):
-        value, other = before[key], after[key]
-        if isinstance(value, list) and isinstance(other, list):
-            less = bool(other) and not (value and all(item in other for item in value))
-        elif isinstance(value, int | float) and isinstance(other, int | float):
-            less = value > other
-        else:
-            less = value != other
-        if less and key.partition(".")[0] not in CHANGE_NO_RESULT:
-            lost.append(f"{key}={value}")
-    return lost
+    return [
+        f"{key}={value}"
+        for key, value in before.items()
+        if key.partition(".")[0] not in CHANGE_NO_RESULT
+        and not includes(after.get(key, value), value)
+    ]
+
+
+def includes(value: object, other: object) -> bool:
+    """Whether the results of a setting include those of another value of it."""
+    if isinstance(value, list) and isinstance(other, list):
+        return not value or (bool(other) and all(item in value for item in other))
+    if isinstance(value, int | float) and isinstance(other, int | float):
+        return value >= other
+    return value == other
 
 
 def write_training(

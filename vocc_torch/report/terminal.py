@@ -299,14 +299,9 @@ class Stopwatch:
         try:
             yield
         finally:
-            self.lap(name, begun)
+            spent = time.perf_counter() - begun
+            self.seconds[name] = self.seconds.get(name, 0.0) + spent
         if self._console is not None:
             self._console.print(
                 f"{name:<20} {self.seconds[name]:6.1f} s", highlight=False
             )
-
-    def lap(self, name: str, begun: float) -> float:
-        """Count the time since ``begun`` (of ``time.perf_counter``) and give the time now."""
-        now = time.perf_counter()
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - begun
-        return now

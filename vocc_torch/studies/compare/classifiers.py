@@ -9,7 +9,7 @@ from vocc_torch.measure import sweep
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curve import BerTable, Curves
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.frame_errors import FrameErrors, Key
+from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.paired import mover_ratio, rate_ratio
 from vocc_torch.measure.train import Training
 from vocc_torch.receiver.classifiers import plugged
@@ -25,7 +25,7 @@ from vocc_torch.studies.compare.report import (
     write_report,
 )
 from vocc_torch.studies.compare.rivals import ClassifierStudy, build_classifier_study
-from vocc_torch.studies.run import Case, Run, begin
+from vocc_torch.studies.run import Case, Run, begin, cases_of
 
 COSTS = ("training_s", "simulated_s", "training_frames", "parameters", "size_bytes")
 """Columns of what it took to make a receiver."""
@@ -77,17 +77,11 @@ def count_curves(study: ClassifierStudy, run: Run) -> dict[str, Curves]:
     """
     plans = study.plans
     run.train(list(plans.values()))
-    cases = [
-        Case(plan, [plan], value)
-        for plan in plans.values()
-        for value in plan.experiment.values
-    ]
+    cases = [case for plan in plans.values() for case in cases_of(plan, [plan])]
     outcomes, curves = iter(run.count(cases, "bit error rates")), {}
     for name, plan in plans.items():
-        keys = {name: Key(plan.receiver.locator, name) for name in plan.receiver.names}
-        experiment = plan.experiment
-        points = dict(zip(experiment.values, outcomes, strict=False))
-        curves[name] = sweep.curves_of(experiment.name, experiment.axis, keys, points)
+        points = dict(zip(plan.experiment.values, outcomes, strict=False))
+        curves[name] = sweep.curves_at(plan, plan.receiver.locator, points)
     return curves
 
 
