@@ -18,6 +18,7 @@ from vocc_torch.studies.compare.classifiers import (
     scene_rows,
 )
 from vocc_torch.studies.compare.figures import curves_figure, scenes_figure
+from vocc_torch.studies.compare.report import flat
 from vocc_torch.studies.compare.rivals import ClassifierStudy
 
 FRAMES = 1000
@@ -87,14 +88,14 @@ def made_up():
 
 
 def test_the_tables_state_what_was_counted(made_up):
-    rows = {row["receiver"]: row for row in made_up[1]}
+    rows = {row["receiver"]: flat(row) for row in made_up[1]}
     assert list(rows) == ["net", "flda_3", "plain", "average_greyscale"]
     assert (rows["net"]["parameters"], rows["plain"]["parameters"]) == (5185, None)
     net = rows["net"]
     assert net["distance_70_ber_high"] > net["distance_70_ber"] == 0
     assert rows["plain"]["distance_70_ratio"] == pytest.approx(2.5)
     scenes = {
-        (row["trained_on"], row["tested_on"], row["receiver"]): row
+        (row["trained_on"], row["tested_on"], row["receiver"]): flat(row)
         for row in made_up[2]
     }
     assert scenes["paper", "night", "net"]["ratio"] is None

@@ -25,6 +25,7 @@ from vocc_torch.studies.compare.prices import (
     recommendation,
     setting_name,
 )
+from vocc_torch.studies.compare.report import flat
 from vocc_torch.studies.compare.tradeoff import price_rows, stage_rows
 
 LEDS, FRAMES = 64, 1000
@@ -123,7 +124,7 @@ def test_several_trainings_give_the_algorithms_rate(prices):
 
 
 def test_tables_have_a_row_each_and_at_most_fifteen_columns(prices):
-    rows = price_rows(prices, prices.points(1))
+    rows = list(map(flat, price_rows(prices, prices.points(1))))
     assert len(rows) == len(ALONE_MS)
     assert {len(row) for row in rows} == {14}
     first = stage_rows(prices)[0]

@@ -17,9 +17,9 @@ from vocc_torch.report import folder as run_folder
 from vocc_torch.report import rate_tables, run_ledgers, styles
 from vocc_torch.studies.compare import RivalsConfig, figures
 from vocc_torch.studies.compare.report import (
+    BLANK,
     Row,
     counted,
-    ends,
     numbers_of,
     print_rows,
     write_report,
@@ -138,7 +138,7 @@ def scene_rows(
             **counted(counts),
             "frame_errors": counts.frame_errors,
             "panels_missed": counts.panels_missed,
-            **ends("ratio", rate_ratio(reference, counts, pair.pairs[0, 1])),
+            "ratio": rate_ratio(reference, counts, pair.pairs[0, 1]) or BLANK,
         }
 
 
@@ -177,10 +177,8 @@ def classifier_rows(
             found, place = curves[experiment], f"{experiment}_{value:g}"
             points = [point for point in tables[experiment] if point.value == value]
             rates = {point.receiver: point.rate for point in points}
-            row |= ends(f"{place}_ber", rates[receiver])
-            row |= ends(
-                f"{place}_ratio", ratio_to(reference, receiver, found, rates, value)
-            )
+            row[f"{place}_ber"] = rates[receiver]
+            row[f"{place}_ratio"] = ratio_to(reference, receiver, found, rates, value)
         rows.append(row)
     return rows
 
@@ -191,19 +189,19 @@ def ratio_to(
     curves: Curves,
     rates: Mapping[str, Estimate],
     value: float,
-) -> Estimate | None:
-    """Give a receiver's rate over the reference's at a value; None where the latter made no error.
+) -> Estimate:
+    """Give a receiver's rate over the reference's at a value; blank where the latter made no error.
 
     After several trainings it is that of the algorithms, by the intervals of both, which takes no credit for
     their frames being the same.
     """
     if receiver == reference:
-        return None
+        return BLANK
     if curves.trained:
         under = rates[reference]
-        return mover_ratio(rates[receiver], under) if under.value else None
+        return mover_ratio(rates[receiver], under) if under.value else BLANK
     counts = curves.counts[reference, value], curves.counts[receiver, value]
-    return rate_ratio(*counts, curves.pair(reference, receiver, value))
+    return rate_ratio(*counts, curves.pair(reference, receiver, value)) or BLANK
 
 
 def print_classifiers(

@@ -29,8 +29,7 @@ from vocc_torch.studies.compare.gallery import gallery_figure
 from vocc_torch.studies.compare.report import (
     Row,
     counted,
-    ends,
-    estimate_of,
+    flat,
     print_rows,
     write_report,
 )
@@ -89,9 +88,8 @@ def effect_rows(
         row["fills_sensor"] = int(pair.fills_sensor) if pair.name else None
         row["receiver"] = name
         for kind in KINDS:
-            numbers = astuple(costs.added(kind, pair))
-            for end, ms in zip(("", "low_", "high_"), numbers, strict=True):
-                row[f"{kind}_{end}ms"] = round(ms, 4)
+            spent = astuple(costs.added(kind, pair))
+            row[f"{kind}_ms"] = Estimate(*(round(ms, 4) for ms in spent))
         for reading, (locator, training) in READINGS.items():
             place = pair.name, locator, "with"
             present = errors_of(outcomes, place, name, training)
@@ -120,9 +118,7 @@ def change_cells(present: FrameErrors, absent: FrameErrors, *, lost: bool) -> Ro
         "frames": with_it.frames,
         "ber_without": without_it.ber,
         "ber_with": with_it.ber,
-        "change": change.value,
-        "low": change.low,
-        "high": change.high,
+        "change": change,
         "real": int(change.real),
         "missed_with": with_it.panels_missed,
     }
@@ -154,17 +150,17 @@ def print_effects(rows: Sequence[Row]) -> None:
     """Print the rows of a receiver; changes are those of the bit error rate."""
     columns = {"differs_in": "effect"}
     columns |= {f"{kind}_ms": f"{kind}\nms" for kind in KINDS}
-    shown = [row.copy() for row in rows]
+    shown = list(map(flat, rows))
     shown[0]["differs_in"] = "the scene itself"
     for reading in READINGS:
         if f"{reading}_frames" in rows[-1]:
             columns[reading] = f"{reading.replace('_', ' ')}\nBER x 1000"
-            for row in shown:
+            for cells, row in zip(shown, rows, strict=True):
                 rate = row.get(f"{reading}_ber_with")
-                row[reading] = 1000 * rate if isinstance(rate, float) else None
-                if found := estimate_of(row, *figures.change_columns(reading)):
-                    numbers = (1000 * number for number in astuple(found))
-                    row |= ends(reading, Estimate(*numbers))
+                cells[reading] = None if rate is None else 1000 * rate
+                if change := row.get(f"{reading}_change"):
+                    numbers = (1000 * number for number in astuple(change))
+                    cells[reading] = Estimate(*numbers)
     note = (
         "Added time and changes of the bit error rate with 95 % intervals, on the same frames."
         " retrained: trained with the effect."

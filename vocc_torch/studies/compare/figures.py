@@ -14,13 +14,7 @@ from vocc_torch.report.plots import LOOK, Curve, Figure, Panel, Rows
 from vocc_torch.report.styles import Style
 from vocc_torch.studies.compare.effect_scenes import EffectStudy
 from vocc_torch.studies.compare.prices import PriceList
-from vocc_torch.studies.compare.report import (
-    Row,
-    cell_text,
-    ends,
-    estimate_of,
-    ratio_text,
-)
+from vocc_torch.studies.compare.report import BLANK, Row, rate_texts, ratio_text
 
 
 @dataclass(frozen=True)
@@ -64,7 +58,8 @@ def curves_figure(
         drawn = {reference: Style(label, "#D55E00", "", "-"), name: SHOWN}
         points = [point for receiver in drawn for point in table.of(receiver)]
         title = f"{len(panels) + 1}. {look.label}"
-        if ratio := estimate_of(row, *ends(f"{place}_ratio")):
+        ratio = row.get(f"{place}_ratio", BLANK)
+        if ratio is not BLANK:
             title += f"\n{ratio_text(ratio)} at {place.rpartition('_')[2]}"
         panels.append(plots.table_panel(curve.BerTable(points), title, drawn))
     frames = styles.range_text(row.frames for row in table)
@@ -93,7 +88,7 @@ def scenes_figure(rows: Sequence[Row], home: str, receivers: Sequence[str]) -> F
     names = [name for name in receivers if (pairs[0], name) in moves][::-1]
     cells = [[moves[pair, name] for pair in pairs] for name in names]
     matrix = heatmap.Matrix(
-        np.array([[row["ber"] for row in line] for line in cells], dtype=float),
+        np.array([[row["ber"].value for row in line] for line in cells]),
         [list(map(transfer_text, line)) for line in cells],
         [style.label for style in styles.receiver_styles(names).values()],
         ["\n\N{RIGHTWARDS ARROW} ".join(pair).replace("_", " ") for pair in pairs],
@@ -110,20 +105,14 @@ def scenes_figure(rows: Sequence[Row], home: str, receivers: Sequence[str]) -> F
 
 def transfer_text(row: Row) -> str:
     """Write a rate, and under it how it compares with the receiver trained on the scenes of the test."""
-    ratio = estimate_of(row, *ends("ratio"))
-    text = cell_text(row, "ber").partition("\n")[0]
-    return f"{text}\n{ratio_text(ratio)}" if ratio and ratio.leaves_out(1) else text
+    ratio, text = row["ratio"], rate_texts(row["ber"])[0]
+    return f"{text}\n{ratio_text(ratio)}" if ratio.leaves_out(1) else text
 
 
 def titled(study: EffectStudy, title: str) -> str:
     """Give a title with the scene and the receiver that the figure shows."""
     label = styles.receiver_styles([study.shown])[study.shown].label
     return f"{title}, scene {study.scene_name} ({label})"
-
-
-def change_columns(reading: str) -> list[str]:
-    """Name the columns of a change with its interval."""
-    return [f"{reading}_{name}" for name in ("change", "low", "high")]
 
 
 def effects_figure(study: EffectStudy, rows: Sequence[Row]) -> Figure:
@@ -138,21 +127,19 @@ def effects_figure(study: EffectStudy, rows: Sequence[Row]) -> Figure:
     """
     costs = []
     for kind, style in COSTS.items():
-        names = [f"{kind}_{end}ms" for end in ("", "low_", "high_")]
-        found = [estimate_of(row, *names) for row in rows]
         # What cannot be told from nothing is left out, and so is what is the same as near the panel.
         shown = [
-            cost
-            if cost and cost.low > 0 and (kind == "near" or row["fills_sensor"])
+            row[f"{kind}_ms"]
+            if row[f"{kind}_ms"].low > 0 and (kind == "near" or row["fills_sensor"])
             else None
-            for cost, row in zip(found, rows, strict=True)
+            for row in rows
         ]
         costs.append((style, shown))
     panels = [Rows(costs, "Time added (ms a frame)", "Cost", "log")]
     located = {"located": READINGS["true_corners"]}
     for title, looks in {"True corners": READINGS, "Paper's locator": located}.items():
         series = [
-            (style, [estimate_of(row, *change_columns(reading)) for row in rows])
+            (style, [row.get(f"{reading}_change") for row in rows])
             for reading, style in looks.items()
             if f"{reading}_frames" in rows[0]
         ]
@@ -185,9 +172,8 @@ def severity_figure(study: EffectStudy, rows: Sequence[Row]) -> Figure:
         curves = []
         for trained, style in zip(("without", "with"), READINGS.values(), strict=True):
             place = {"effect": name, "receiver": study.shown, "trained": trained}
-            points = [row for row in rows if place.items() <= row.items()]
-            rates = [estimate_of(row, *ends("ber")) for row in points]
-            curves.append(Curve(style, values, list(filter(None, rates))))
+            rates = [row["ber"] for row in rows if place.items() <= row.items()]
+            curves.append(Curve(style, values, rates))
         parameter = study.config.severity[name].parameter.partition(".")[2]
         panels.append(Panel(curves, name, parameter))
     note = (

@@ -1,6 +1,8 @@
 """What every comparison leaves: tables on the terminal and in files, figures and the board."""
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -13,8 +15,38 @@ from vocc_torch.report import styles, tensorboard
 from vocc_torch.report.plots import Figure
 from vocc_torch.report.terminal import Console, Text, plain_table
 
-Row: TypeAlias = dict[str, str | int | float | None]
-"""A row of a table by its columns; what is missing is blank."""
+Row: TypeAlias = dict[str, Any]
+"""A row of a table by its columns; an :class:`Estimate` fills three of them."""
+
+BLANK = Estimate(math.nan, math.nan, math.nan)
+"""An estimate that cannot be stated, whose cells are empty."""
+
+
+def columns_of(name: str) -> tuple[str, str, str]:
+    """Name the columns of an estimate: its value, and both ends of its interval.
+
+    Example:
+        >>> columns_of("ber"), columns_of("near_ms")
+        (('ber', 'ber_low', 'ber_high'), ('near_ms', 'near_low_ms', 'near_high_ms'))
+    """
+    stem, _, quantity = name.rpartition("_")
+    if quantity == "change":
+        return name, f"{stem}_low", f"{stem}_high"
+    if stem and quantity == "ms":
+        return name, f"{stem}_low_ms", f"{stem}_high_ms"
+    return name, f"{name}_low", f"{name}_high"
+
+
+def flat(row: Row) -> Row:
+    """Give a row's cells as a file has them."""
+    cells: Row = {}
+    for name, value in row.items():
+        if isinstance(value, Estimate):
+            numbers = (None if value is BLANK else number for number in astuple(value))
+            cells |= zip(columns_of(name), numbers, strict=True)
+        else:
+            cells[name] = value
+    return cells
 
 
 def write_report(
@@ -36,9 +68,10 @@ def write_report(
     """
     for name, table in rows.items():
         if table:
-            fullest = max(table, key=len)
+            cells = list(map(flat, table))
+            fullest = max(cells, key=len)
             columns = list(fullest)
-            lines = [[row.get(column) for column in columns] for row in table]
+            lines = [[row.get(column) for column in columns] for row in cells]
             run_folder.write_rows(folder / f"{name}.csv", [columns, *lines], short=True)
     tensorboard.write_figures(settings, folder, figures, **board)
     places = [
@@ -70,52 +103,38 @@ def cell_text(row: Row, name: str) -> str:
     r"""Write a cell: a ratio, a rate or a number over its interval, or a limit.
 
     Example:
-        >>> row: Row = {"ms": 12.345, "ber": 0.012, "ber_low": 0.01, "ber_high": 0.02}
+        >>> row: Row = {"ms": 12.345, "ber": Estimate(0.012, 0.01, 0.02)}
         >>> cell_text(row, "ms"), cell_text(row, "ber")
         ('12.3', '1.2e-2\n1.0e-2 to 2.0e-2')
     """
-    value, found = row.get(name), estimate_of(row, *ends(name))
-    if found is not None and name.endswith("ratio"):
-        return ratio_text(found)
-    if found is not None and name.endswith("ber"):
-        return "\n".join(rate_texts(found)).rstrip()
-    if found is not None:
-        return f"{found.value:.3g}\n{found.low:.3g} to {found.high:.3g}"
-    if isinstance(value, float):
-        return f"{value:.3g}"
-    return "" if value is None else str(value)
-
-
-def estimate_of(row: Row, *names: str) -> Estimate | None:
-    """Read an estimate from three columns; None where one is blank."""
-    cells = [row.get(name) for name in names]
-    values = [float(cell) for cell in cells if isinstance(cell, int | float)]
-    return Estimate(*values) if len(values) == len(names) else None
-
-
-def ends(name: str, found: Estimate | None = None) -> Row:
-    """Give an estimate's cells.
-
-    Example:
-        >>> ends("ms", Estimate(2.0, 1.0, 3.0))
-        {'ms': 2.0, 'ms_low': 1.0, 'ms_high': 3.0}
-    """
-    names = name, f"{name}_low", f"{name}_high"
-    values = (found.value, found.low, found.high) if found else (None, None, None)
-    return dict(zip(names, values, strict=True))
+    value = row.get(name)
+    if value is None or value is BLANK:
+        return ""
+    if isinstance(value, Estimate):
+        if name.endswith("ratio"):
+            return ratio_text(value)
+        if name.endswith("ber"):
+            return "\n".join(rate_texts(value)).rstrip()
+        return f"{value.value:.3g}\n{value.low:.3g} to {value.high:.3g}"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def counted(counts: Counts) -> Row:
     """Give the cells of counts: frames, bits and the bit error rate with its interval."""
-    rate = intervals.ber_interval(counts)
-    cells: Row = {"frames": counts.frames, "bits": counts.bits}
-    return {**cells, "bit_errors": counts.bit_errors, **ends("ber", rate)}
+    return {
+        "frames": counts.frames,
+        "bits": counts.bits,
+        "bit_errors": counts.bit_errors,
+        "ber": intervals.ber_interval(counts),
+    }
 
 
 def numbers_of(row: Row) -> dict[str, float]:
     """Give a row's numbers, for the board."""
     return {
-        name: float(cell) for name, cell in row.items() if isinstance(cell, int | float)
+        name: float(cell)
+        for name, cell in flat(row).items()
+        if isinstance(cell, int | float)
     }
 
 

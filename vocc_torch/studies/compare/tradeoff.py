@@ -1,13 +1,15 @@
 """``task=tradeoff``: receivers trained, counted on the same frames, timed when nothing else runs."""
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import astuple, replace
 from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 from vocc_torch.files import write_atomically
 from vocc_torch.measure import link, stage_times, sweep, timing
 from vocc_torch.measure.config import Settings
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
@@ -23,7 +25,6 @@ from vocc_torch.studies.compare.prices import (
 )
 from vocc_torch.studies.compare.report import (
     Row,
-    ends,
     numbers_of,
     print_rows,
     write_report,
@@ -149,10 +150,10 @@ def price_rows(prices: PriceList, points: Iterable[OperatingPoint]) -> list[Row]
             "device": str(resolve_device(study.plan.world.device)),
             "frames": study.config.frames,
             "batch": point.batch,
-            **five_digits(ends("ms", point.time_ms)),
+            "ms": rounded(point.time_ms),
             "scenes": study.scene_name,
             "test_frames": prices.frames,
-            **five_digits(ends("ber", point.ber)),
+            "ber": rounded(point.ber),
             "rank": point.rank,
         }
         for point in points
@@ -168,13 +169,12 @@ def stage_rows(prices: PriceList) -> list[Row]:
         cells |= {f"{name}_ms": times.stage(name).value for name in stage_times.STAGES}
         cells |= {"training_s": cost.training_s, "training_frames": cost.frames}
         cells |= {"parameters": cost.parameters, "size_bytes": cost.size_bytes}
-        rows.append(five_digits(cells))
+        rows.append({name: rounded(cell) for name, cell in cells.items()})
     return rows
 
 
-def five_digits(row: Row) -> Row:
-    """Round floats to five digits, more than any time or rate has."""
-    return {
-        name: float(f"{cell:.5g}") if isinstance(cell, float) else cell
-        for name, cell in row.items()
-    }
+def rounded(cell: Any) -> Any:
+    """Round floats and estimates to five digits, more than any time or rate has."""
+    if isinstance(cell, Estimate):
+        return Estimate(*map(rounded, astuple(cell)))
+    return float(f"{cell:.5g}") if isinstance(cell, float) else cell
