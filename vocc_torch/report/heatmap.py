@@ -119,9 +119,7 @@ def draw_matrix(axes: Axes, matrix: Matrix, norm: colors.LogNorm) -> None:
             )
 
 
-def dimming_figure(
-    grid: Grid, title: str = HEADING, receivers: Sequence[str] = ()
-) -> Figure:
+def dimming_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
     """Draw each receiver's bit error rates as a heat map with the best luminance for each ambient light.
 
     A cell without errors is pale and has its limit for a number. A bar spans the luminances that cannot be
@@ -129,11 +127,7 @@ def dimming_figure(
 
     Args:
         grid: ambient light by LED luminance.
-        title: what the figure shows.
-        receivers: those to draw, in order; all of the grid's by default.
-
-    Raises:
-        VoccError: an unknown receiver.
+        receivers: those of the grid's to draw, in order; all by default.
 
     Example:
         >>> from vocc_torch.measure.counts import Counts
@@ -145,7 +139,7 @@ def dimming_figure(
         >>> [text.get_text() for text in dimming_figure(grid).axes[0].texts]
         ['4.9e-4', '< 7.1e-4']
     """
-    names = tuple(receivers or grid.receivers)
+    names = [name for name in receivers or grid.receivers if name in grid.receivers]
     looks = styles.receiver_styles(names)
     rows, columns = (
         list(map(styles.value_text, values)) for values in (grid.columns, grid.rows)
@@ -162,7 +156,7 @@ def dimming_figure(
         )
     figure, axes = matrix_figure(
         maps,
-        title,
+        f"{HEADING} ({styles.LOCATED[grid.locator]})",
         (
             f"{_frames_text(grid)} \N{MIDDLE DOT} line: best luminance, bars: not distinguishable from it (95 %)"
             f" \N{MIDDLE DOT} pale: no errors, limit"
@@ -201,18 +195,3 @@ def _frames_text(grid: Grid) -> str:
     """Say how many frames a cell rests on, and whose corners; every receiver has the same frames."""
     cells = [cell.frames for row in grid.counts(grid.receivers[0]) for cell in row]
     return f"{styles.range_text(cells)} frames a cell \N{MIDDLE DOT} locator: {grid.locator}"
-
-
-def grid_figures(grid: Grid, receivers: Sequence[str]) -> dict[str, Figure]:
-    """Draw a grid.
-
-    Args:
-        grid: the rates.
-        receivers: those to draw, in order.
-
-    Returns:
-        By file name without suffix.
-    """
-    names = [name for name in receivers if name in grid.receivers]
-    title = f"{HEADING} ({styles.LOCATED[grid.locator]})"
-    return {f"dimming_{grid.locator}": dimming_figure(grid, title, names)}

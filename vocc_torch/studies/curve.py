@@ -239,7 +239,7 @@ def write_results(
     if axis := plan.experiment.row_axis:
         cells = grid.Grid(axis, plan.experiment.rows, curves)
         rate_tables.write_grid(folder / "ber.csv", cells)
-        figures = heatmap.grid_figures(cells, names)
+        figures = {f"dimming_{cells.locator}": heatmap.dimming_figure(cells, names)}
         tables = {
             f"{axis}={at:g}": [row.table()]
             for at, row in zip(cells.rows, curves, strict=True)

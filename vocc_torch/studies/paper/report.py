@@ -74,7 +74,8 @@ class Report:
         """Draw and write the grid of ambient light and LED luminance."""
         self.add_numbers(dimming_numbers(cells))
         rate_tables.write_grid(self.folder / "figures" / f"{DIMMING}.csv", cells)
-        self.drawn[DIMMING] = heatmap.grid_figures(cells, PAPER_RECEIVERS)
+        figure = heatmap.dimming_figure(cells, PAPER_RECEIVERS)
+        self.drawn[DIMMING] = {f"dimming_{cells.locator}": figure}
 
     def add(self, name: str, figure: PaperFigure) -> None:
         """Add one of the other figures, and write its numbers."""
