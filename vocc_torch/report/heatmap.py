@@ -17,7 +17,6 @@ NO_ERRORS = "#F4F4F2"
 DARK = 0.55
 """Share of the scale of colours below which words are white."""
 _MAP = colormaps["viridis"].with_extremes(bad=NO_ERRORS)
-HEADING = "Bit error rate over ambient light and LED luminance"
 
 
 @dataclass(frozen=True)
@@ -156,7 +155,7 @@ def dimming_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
         )
     figure, axes = matrix_figure(
         maps,
-        f"{HEADING} ({styles.LOCATED[grid.locator]})",
+        "Bit error rate over ambient light and LED luminance",
         (
             f"{_frames_text(grid)} \N{MIDDLE DOT} line: best luminance, bars: not distinguishable from it (95 %)"
             f" \N{MIDDLE DOT} pale: no errors, limit"
