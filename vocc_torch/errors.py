@@ -2,10 +2,11 @@
 
 import difflib
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import MISSING, field, fields
 from numbers import Integral, Real
-from typing import Self
+from typing import Any, Self
 
 
 class VoccError(ValueError):
@@ -243,3 +244,47 @@ def whole_number(name: str, value: object, low: int, high: int | None = None) ->
     if high is not None or not is_whole:
         rule = f"a whole number, {rule}"
     raise VoccError.of(name, shown(value), rule)
+
+
+def within(
+    low: float,
+    high: float = math.inf,
+    *,
+    default: object = MISSING,
+    **rules: str | bool,
+) -> Any:
+    """Declare a number of a dataclass with its range; values outside it are refused by name.
+
+    Args:
+        low: the least value allowed, or with ``above`` the bound that it must exceed.
+        high: the greatest value allowed; infinity itself is not a value.
+        default: what holds where the number is left out; without one it must be given. None may stand for
+            nothing given.
+        **rules: ``above``, whether ``low`` itself is refused; ``hint``, what to do instead, said where the
+            value is ``low``; ``null``, whether None is a value; ``whole``, whether it is a whole number.
+    """
+    return field(default=default, metadata={"low": low, "high": high, **rules})
+
+
+def demand_declared(name: str, value: object, declared: Mapping[str, Any]) -> Any:
+    """Give a number as :func:`within` declares it, or refuse it by name."""
+    rules = dict(declared)
+    demand = whole_number if rules.pop("whole", False) else demand_within
+    return demand(name, value, **rules)
+
+
+def demand_ranges(section: str, owner: Any) -> None:
+    """Refuse the first number of a dataclass that is not as declared, and make ints and floats of them.
+
+    Args:
+        section: what its keys begin with.
+        owner: may be frozen.
+
+    Raises:
+        VoccError: with the key, the value and the range.
+    """
+    for item in fields(owner):
+        if item.metadata:
+            value = getattr(owner, item.name)
+            number = demand_declared(f"{section}.{item.name}", value, item.metadata)
+            object.__setattr__(owner, item.name, number)

@@ -3,70 +3,23 @@
 The fields are the keys of the configuration's sections ``camera`` and ``panel``.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from vocc_torch.errors import (
     VoccError,
     demand_kind,
-    demand_within,
+    demand_ranges,
     finite_number,
     shown,
-    whole_number,
+    within,
 )
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-MOST_LEDS = 1024
-"""Most LEDs in a row or a column."""
-
-CAMERA_RANGES = {
-    "focal_length_mm": (1e-3, 1e6),
-    "sensor_width_mm": (1e-3, 1e4),
-    "f_number": (0.1, 1e3),
-}
-CAMERA_RANGES |= {
-    "exposure_time_s": (1e-9, 1e4),
-    "calibration_constant": (0.1, 1e3),
-    "gamma": (0.1, 10.0),
-}
-"""Lowest and highest allowed of each value of a camera: wider than any, and safe in float32 together."""
-
-MOST_SIDE_PX = 32768
-"""Most pixels in a row, and most rows."""
-
 ISO_RANGE = (1e-30, 1e20)
 """Lowest and highest ISO speed."""
-
-
-def demand_ranges(
-    owner: object,
-    section: str,
-    whole: Mapping[str, int],
-    ranges: Mapping[str, tuple[float, float]],
-) -> None:
-    """Refuse by name the first attribute that is outside its range, and make ints and floats of them.
-
-    Args:
-        owner: a frozen dataclass.
-        section: what its keys begin with.
-        whole: the highest allowed of each whole number, whose lowest is 1.
-        ranges: the lowest and the highest allowed of each number.
-
-    Raises:
-        VoccError: an attribute that is no such number.
-    """
-    numbers: dict[str, float | None] = {}
-    for name, most in whole.items():
-        key, value = f"{section}.{name}", getattr(owner, name)
-        numbers[name] = whole_number(key, value, 1, most)
-    for name, ends in ranges.items():
-        key, value = f"{section}.{name}", getattr(owner, name)
-        numbers[name] = demand_within(key, value, *ends)
-    for name, number in numbers.items():
-        object.__setattr__(owner, name, number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,20 +46,20 @@ class Camera:
         3636.36
     """
 
-    focal_length_mm: float = 25.0
-    sensor_width_mm: float = 13.2
-    width_px: int = 1920
-    height_px: int = 1080
-    exposure_time_s: float = 1.0 / 1500.0
-    f_number: float = 4.0
-    calibration_constant: float = 12.5
-    gamma: float = 2.2
+    # Wider than those of any camera, and safe in float32 together.
+    focal_length_mm: float = within(1e-3, 1e6, default=25.0)
+    sensor_width_mm: float = within(1e-3, 1e4, default=13.2)
+    width_px: int = within(1, 32768, default=1920, whole=True)
+    height_px: int = within(1, 32768, default=1080, whole=True)
+    exposure_time_s: float = within(1e-9, 1e4, default=1.0 / 1500.0)
+    f_number: float = within(0.1, 1e3, default=4.0)
+    calibration_constant: float = within(0.1, 1e3, default=12.5)
+    gamma: float = within(0.1, 10.0, default=2.2)
     iso_limits: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Check every range."""
-        sides = dict.fromkeys(("width_px", "height_px"), MOST_SIDE_PX)
-        demand_ranges(self, "camera", sides, CAMERA_RANGES)
+        demand_ranges("camera", self)
         if self.iso_limits is None:
             return
         least, most = ISO_RANGE
@@ -157,12 +110,12 @@ class PanelShape:
         64
     """
 
-    rows: int = 8
-    columns: int = 8
+    rows: int = within(1, 1024, default=8, whole=True)
+    columns: int = within(1, 1024, default=8, whole=True)
 
     def __post_init__(self) -> None:
         """Refuse an empty panel and one that no camera resolves."""
-        demand_ranges(self, "panel", {"rows": MOST_LEDS, "columns": MOST_LEDS}, {})
+        demand_ranges("panel", self)
 
     @property
     def sides(self) -> tuple[int, int]:
@@ -198,24 +151,18 @@ class LedPanel:
     """
 
     shape: PanelShape = field(default_factory=PanelShape)
-    led_diameter_m: float = 0.03
-    led_gap_m: float = 0.03
-    led_reflectance: float = 0.4
-    background_reflectance: float = 0.18
-    board_reflectance: float | None = 0.4
+    led_diameter_m: float = within(1e-6, 1e3, default=0.03)
+    led_gap_m: float = within(0, 1e3, default=0.03)
+    led_reflectance: float = within(0, 1, default=0.4)
+    background_reflectance: float = within(
+        0, 1, default=0.18, above=True, hint="auto-ISO meters it"
+    )
+    board_reflectance: float | None = within(0, 1, default=0.4, null=True)
 
     def __post_init__(self) -> None:
         """Check every range."""
         demand_kind("panel.shape", self.shape, PanelShape)
-        ranges = {"led_diameter_m": (1e-6, 1e3), "led_gap_m": (0, 1e3)}
-        ranges |= {"led_reflectance": (0, 1), "background_reflectance": (0, 1)}
-        if self.board_reflectance is not None:
-            ranges["board_reflectance"] = (0, 1)
-        demand_ranges(self, "panel", {}, ranges)
-        if self.background_reflectance == 0:
-            raise VoccError.of(
-                "panel.background_reflectance", 0, "above 0, because auto-ISO meters it"
-            )
+        demand_ranges("panel", self)
 
     @property
     def pitch_m(self) -> float:

@@ -5,9 +5,9 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from typing import Any, ClassVar, TypeVar, dataclass_transform
+from typing import ClassVar, TypeVar, dataclass_transform
 
 import numpy as np
 import torch
@@ -15,7 +15,8 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, demand_within, whole_number
+from vocc_torch.errors import VoccError, demand_declared
+from vocc_torch.errors import within as within
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.plugins import one_line
 from vocc_torch.rng import FrameKey
@@ -151,26 +152,6 @@ class Context:
         return self.origin_px.to(device)
 
 
-def within(
-    low: float,
-    high: float = math.inf,
-    *,
-    default: object = MISSING,
-    **rules: str | bool,
-) -> Any:
-    """Declare a parameter of an effect with its range; values outside it are refused by name.
-
-    Args:
-        low: the least value allowed, or with ``above`` the bound that it must exceed.
-        high: the greatest value allowed; infinity itself is not a value.
-        default: what holds where the parameter is left out; without one it must be given. None may stand for
-            nothing given.
-        **rules: ``above``, whether ``low`` itself is refused; ``hint``, what to do instead, said where the
-            value is ``low``; ``whole``, whether it is a whole number.
-    """
-    return field(default=default, metadata={"low": low, "high": high, **rules})
-
-
 def _is_ours(kind: type) -> bool:
     """Whether a class is of the package."""
     return kind.__module__.startswith("vocc_torch.")
@@ -244,7 +225,7 @@ class Effect(ABC):
     def __post_init__(self) -> None:
         """Refuse by name a parameter outside its range; where a distribution may stand, a number is one."""
         for parameter in fields(self):
-            rule, setting = dict(parameter.metadata), getattr(self, parameter.name)
+            rule, setting = parameter.metadata, getattr(self, parameter.name)
             if not rule or (setting is None and parameter.default is None):
                 continue
             if "Distribution" in str(parameter.type) and not isinstance(
@@ -254,14 +235,11 @@ class Effect(ABC):
                     setting, f"effects.{self.name}.{parameter.name}"
                 )
                 object.__setattr__(self, parameter.name, setting)
-            demand: Callable[..., object] = demand_within
-            if rule.pop("whole", False):
-                demand = whole_number
             key = f"scene.effects.{self.name}.{parameter.name}"
             for value in (
                 setting.bounds if isinstance(setting, Distribution) else (setting,)
             ):
-                demand(key, value, **rule)
+                demand_declared(key, value, rule)
 
     def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """How far the effect carries light in frames of this camera, of panels at ``nearest_m`` or farther.

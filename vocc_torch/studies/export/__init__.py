@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vocc_torch.errors import VoccError, demand_word, whole_number
+from vocc_torch.errors import VoccError, demand_ranges, demand_word, within
 
 POINTS = ("train", "test")
 BLOCK, MOST_SHARD, MOST_FRAMES = 64, 8192, 10_000_000
@@ -24,13 +24,13 @@ class ExportConfig:
     """
 
     points: str = "train"
-    frames: int = 1000
+    frames: int = within(1, MOST_FRAMES, default=1000, whole=True)
     shard_frames: int = 1024
 
     def __post_init__(self) -> None:
         """Check every range."""
         demand_word("export.points", self.points, POINTS)
-        whole_number("export.frames", self.frames, 1, MOST_FRAMES)
+        demand_ranges("export", self)
         if self.shard_frames % BLOCK or not BLOCK <= self.shard_frames <= MOST_SHARD:
             rule = f"a multiple of {BLOCK} from {BLOCK} to {MOST_SHARD}"
             raise VoccError.of("export.shard_frames", self.shard_frames, rule)
@@ -44,8 +44,8 @@ class GraphConfig:
         frames: simulated frames on which the graph is compared with torch, at least 1.
     """
 
-    frames: int = 1024
+    frames: int = within(1, MOST_FRAMES, default=1024, whole=True)
 
     def __post_init__(self) -> None:
         """Check the range."""
-        whole_number("export_receiver.frames", self.frames, 1, MOST_FRAMES)
+        demand_ranges("export_receiver", self)
