@@ -270,7 +270,7 @@ def receiver(settings: Settings) -> Iterator[Row]:
     world = replace(load_scene("paper"), framing="filled")
     full = Link(world.simulator(), None, Reader(SHAPE), settings.full_batch)
     seen = list(observed(full, world, settings.full_frames))
-    grey = torch.cat([one.frames.grey for one in seen])
+    grey = torch.cat([one.frames.grey for one in seen]).cpu()
     torch.set_num_threads(settings.cpu_threads)
 
     def reading(device: str, frames: torch.Tensor) -> Callable[[], None]:

@@ -8,6 +8,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
+from vocc_torch.receiver.detector import scout
 from vocc_torch.receiver.detector.judge import Judge
 from vocc_torch.receiver.detector.placer import Placer
 from vocc_torch.receiver.detector.scout import Scout
@@ -21,7 +22,9 @@ from vocc_torch.studies.train_detector import (
     geometry,
     pool,
     run,
+    scout_training,
 )
+from vocc_torch.studies.train_detector.sampling import Pictures
 from vocc_torch.studies.train_detector.scout_training import sizes_of
 
 CPU = torch.device("cpu")
@@ -130,7 +133,7 @@ def test_readings_of_the_pool_are_opencvs(small_pool):
     """At the frame's own level, and at its half."""
     at = draws_of(2, 1).uniform(0, 1, 2, 200) * torch.tensor([320.0, 240.0])[:, None]
     for level in (0, 1):
-        plane = small_pool.level(level, 0).numpy()
+        plane = small_pool.levels(level, torch.tensor([0]))[0].numpy()
         places = (at[0].mT / 2**level - 0.5).numpy()
         wanted = cv2.remap(
             plane, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
@@ -203,6 +206,69 @@ def test_candidates_near_a_panel_and_of_clutter_are_told_apart(small_pool):
     assert not clutter.truth.any()
 
 
+def test_the_best_of_each_frame_are_those_of_each_frame_alone():
+    """Against the detector's own choice, frame by frame; places lie in clusters."""
+    drawn = draws_of(6, 300)
+    corners = torch.tensor([[0.0, 0.0], [8, 0], [8, 8], [0, 8]])
+    size = drawn.geometric(0.5, 2.0, 1, 1)
+    quads = size * corners + 40 * drawn.below(4, 2)[:, None] + drawn.uniform(0, 5, 1, 2)
+    frame, score = drawn.below(5), drawn.uniform(-3, 3)
+    found = candidates.Found(frame, frame, quads, score, torch.zeros_like(quads))
+    best = candidates.best_of_frames(found, 4)
+    assert best.frame.tolist() == sorted(best.frame.tolist())
+    for number in range(5):
+        alone = found.rows(frame == number)
+        deep = alone.score.argsort(descending=True)[:16]
+        alone = alone.rows(deep)
+        rows = scout.distinct(alone.quads, alone.score, 4)
+        one = best.rows(best.frame == number)
+        assert torch.equal(one.score, alone.score[rows].sort(descending=True).values)
+
+
+def test_proposals_are_those_of_each_frame_alone(small_pool):
+    net = Scout()
+    whole = candidates.proposals(net, small_pool, torch.tensor([0, 2]))
+    for number in (0, 2):
+        alone = candidates.proposals(net, small_pool, torch.tensor([number]))
+        some = whole.rows(whole.frame == number)
+        assert some.quads.sort(0).values.detach().numpy() == pytest.approx(
+            alone.quads.sort(0).values.detach().numpy(), abs=1e-3
+        )
+
+
+def test_a_frame_ends_beside_the_panel(monkeypatch, small_pool):
+    """What lies beyond is of one grey value, and the panel's middle stays."""
+    always = replace(scout_training.SETTINGS, framed=1.0)
+    monkeypatch.setattr(scout_training, "SETTINGS", always)
+    grey = draws_of(7, 6).uniform(0, 255, 128, 128)
+    quad = torch.tensor([[40.0, 50.0], [70, 50], [70, 80], [40, 80]])
+    panel = torch.tensor([True, True, True, True, False, False])
+    quads = quad * panel[:, None, None]
+    batch = Pictures(grey, quads, panel)
+    shown = scout_training.framed(batch, torch.Generator().manual_seed(1))
+    kept = shown == grey
+    assert kept[:, 52:79, 42:69].all()
+    assert not kept.flatten(1).all(1).all()
+    beyond = shown[~kept].view(-1)
+    means = grey.mean((1, 2))[:, None, None].expand_as(grey)[~kept]
+    assert torch.allclose(beyond, means)
+
+
+def test_things_stand_beside_panels(monkeypatch):
+    """A polygon of one shade covers part of each picture, and seldom a panel's middle."""
+    always = replace(composition.THINGS, beside=1.0)
+    monkeypatch.setattr(composition, "THINGS", always)
+    grey = torch.full((200, 96, 96), -1.0)
+    quad = torch.tensor([[38.0, 38.0], [58, 38], [58, 58], [38, 58]])
+    shown = composition.with_things(grey, quad.expand(200, 4, 2), draws_of(8, 200))
+    covered = shown >= 0
+    share = covered.flatten(1).float().mean(1)
+    assert 0.005 < float(share.median()) < 0.3
+    assert float(covered[:, 48, 48].float().mean()) < 0.2
+    for picture, there in zip(shown, covered, strict=True):
+        assert len(picture[there].unique()) <= 1
+
+
 def test_taken_candidates_keep_the_panels_place(small_pool):
     """The panel's corners in a patch, from the candidate's, are those that it was moved by."""
     truth = small_pool.corners_px[:1].float()
@@ -236,9 +302,26 @@ def test_training_is_the_same_where_it_was_interrupted(
     assert torch.load(tmp_path / "2" / f"{part}.pt")["done"] == 1
     train("2")
 
-    states = [torch.load(tmp_path / name / f"{part}.pt")["net"] for name in ("1", "2")]
+    first, second = (torch.load(tmp_path / name / f"{part}.pt") for name in ("1", "2"))
     fresh = getattr(Networks.fresh(), part).state_dict()
-    assert all(torch.equal(states[0][name], states[1][name]) for name in fresh)
+    assert all(
+        torch.equal(first[kept][name], second[kept][name])
+        for kept in ("net", "mean")
+        for name in fresh
+    )
+
+
+def test_the_mean_of_weights_forgets_the_first_ones():
+    """A plain mean at first, and then one of the newest five hundred."""
+    mean, net = torch.nn.Linear(1, 1), torch.nn.Linear(1, 1)
+    values, wanted = torch.linspace(1, 2, 900).tolist(), 0.0
+    for step, value in enumerate(values):
+        torch.nn.init.constant_(net.weight, value)
+        run.average(mean, net, step)
+        share = max(0.002, 1 / (step + 1))
+        wanted = (1 - share) * wanted + share * value
+    assert mean.weight.item() == pytest.approx(wanted, rel=1e-4)
+    assert mean.weight.item() > np.mean(values)
 
 
 def test_networks_learn_one_batch(small_pool):

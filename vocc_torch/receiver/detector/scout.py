@@ -126,13 +126,22 @@ class Peaks(NamedTuple):
 
 def peaks(score: Tensor, outputs: Tensor, most: int) -> Peaks:
     """Take the best local maxima of a score (B,h,w), with the corners of outputs (B,11,h,w)."""
+    flat = summits(score).flatten()
+    values, order = flat.topk(min(most, len(flat)))
+    return peaks_at(outputs, order[values > -torch.inf], flat)
+
+
+def summits(score: Tensor) -> Tensor:
+    """Keep the local maxima of a score (B,h,w); elsewhere it is minus infinity."""
     best = functional.max_pool2d(
         score[:, None], SETTINGS.peak_cells, 1, SETTINGS.peak_cells // 2
     )[:, 0]
-    flat = score.masked_fill(score < best, -torch.inf).flatten()
-    values, order = flat.topk(min(most, len(flat)))
-    order = order[values > -torch.inf]
-    high, wide = score.shape[1:]
+    return score.masked_fill(score < best, -torch.inf)
+
+
+def peaks_at(outputs: Tensor, order: Tensor, flat: Tensor) -> Peaks:
+    """Give the peaks with numbers (n,) in the flattened score (B*h*w,)."""
+    high, wide = outputs.shape[2:]
     picture, row, column = order // (high * wide), order // wide % high, order % wide
     place = torch.stack([column, row], 1)
     quads = quads_of(outputs[picture, :, row, column], place)
@@ -142,20 +151,23 @@ def peaks(score: Tensor, outputs: Tensor, most: int) -> Peaks:
 def distinct(quads: Tensor, score: Tensor, most: int) -> Tensor:
     """Return the rows of the best candidates, at most one for each place."""
     order = score.argsort(descending=True, stable=True)
-    quads = quads[order]
-    centre = quads.mean(1)
-    size = (quads[:, 0] - quads[:, 2]).norm(dim=1).clamp(min=1e-6)
-    near = torch.cdist(centre, centre) < SETTINGS.same * torch.minimum(
-        size[:, None], size
-    )
-    same = near & ((size[:, None] / size).log().abs() < math.log(SETTINGS.alike))
-    left = same.cpu().numpy()
+    left = same_place(quads[order]).cpu().numpy()
     chosen: list[int] = []
     taken = np.zeros(len(left), bool)
     while len(chosen) < most and not taken.all():
         chosen.append(int(taken.argmin()))
         taken |= left[chosen[-1]]
     return order[chosen]
+
+
+def same_place(quads: Tensor) -> Tensor:
+    """Say which candidates (...,n,4,2) are of one place and alike in size, (...,n,n) bool."""
+    centre = quads.mean(-2)
+    size = (quads[..., 0, :] - quads[..., 2, :]).norm(dim=-1).clamp(min=1e-6)
+    sizes, others = size[..., None], size[..., None, :]
+    near = torch.cdist(centre, centre) < SETTINGS.same * torch.minimum(sizes, others)
+    alike: Tensor = (sizes / others).log().abs() < math.log(SETTINGS.alike)
+    return near & alike
 
 
 def propose(net: Scout, pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor]:

@@ -27,6 +27,7 @@ class CandidateSettings:
     near: float = 0.3  # of a side, corners that a network can move to the panel
     clear: float = 0.6  # of a diagonal, centres farther away are of clutter
     batch: int = 2048
+    pixels: int = 1 << 21  # of a batch of levels
 
 
 SETTINGS = CandidateSettings()
@@ -67,17 +68,20 @@ def joined(parts: Sequence[Found]) -> Found:
 def proposals(net: scout.Scout, pool: Pool, frames: Tensor) -> Found:
     """Take the scout's best places of each level of frames."""
     parts = []
-    for level, size in enumerate(pool.sizes.tolist()):
-        high, wide = (side // 16 * 16 for side in size)
+    for level, (high, wide) in enumerate(pool.sizes.tolist()):
+        high, wide = high // 16 * 16, wide // 16 * 16
         if not min(high, wide):
             break
-        for frame in frames.tolist():
-            grey = pool.level(level, frame)[None, None, :high, :wide]
+        for some in torch.split(frames, max(1, SETTINGS.pixels // (high * wide))):
+            grey = pool.levels(level, some)[:, None, :high, :wide]
             outputs = net(grey)
-            score = outputs[:, : scout.SCORES].amax(1)
-            peaks = scout.peaks(score, outputs, SETTINGS.of_level)
+            flat = scout.summits(outputs[:, : scout.SCORES].amax(1)).flatten(1)
+            values, order = flat.topk(min(SETTINGS.of_level, flat.shape[1]))
+            picture = torch.arange(len(some), device=order.device)[:, None]
+            order = (order + picture * flat.shape[1])[values > -torch.inf]
+            peaks = scout.peaks_at(outputs, order, flat.flatten())
             quads = peaks.quads * 2.0**level
-            numbers = peaks.picture + frame, torch.full_like(peaks.picture, level)
+            numbers = some[peaks.picture], torch.full_like(peaks.picture, level)
             truth = torch.zeros_like(quads)
             parts.append(Found(*numbers, quads, peaks.score, truth))
     return joined(parts)
@@ -85,13 +89,23 @@ def proposals(net: scout.Scout, pool: Pool, frames: Tensor) -> Found:
 
 def best_of_frames(found: Found, most: int) -> Found:
     """Take the best candidates of each frame, at most one for each place."""
-    parts = [found.rows(slice(0))]
-    for frame in torch.unique_consecutive(found.frame.sort().values):
-        some = found.rows(found.frame == frame)
-        order = some.score.argsort(descending=True, stable=True)
-        some = some.rows(order[: SETTINGS.looked_through * most])
-        parts.append(some.rows(scout.distinct(some.quads, some.score, most)))
-    return joined(parts)
+    found = found.rows(found.score.argsort(descending=True, stable=True))
+    found = found.rows(found.frame.argsort(stable=True))
+    # A table (F,M) of rows, a frame a line, the best first.
+    _, line, counts = torch.unique_consecutive(found.frame, True, True)
+    column = torch.arange(len(line), device=line.device)
+    column -= (counts.cumsum(0) - counts)[line]
+    deep = (column < SETTINGS.looked_through * most).nonzero()[:, 0]
+    table = line.new_full((len(counts), SETTINGS.looked_through * most), -1)
+    table[line[deep], column[deep]] = deep
+    same, left = scout.same_place(found.quads[table]), table >= 0
+    chosen = torch.zeros_like(left)
+    lines = torch.arange(len(table), device=table.device)
+    for _ in range(most):
+        first = left.int().argmax(1)
+        chosen[lines, first] |= left[lines, first]
+        left &= ~same[lines, first]
+    return found.rows(table[chosen])
 
 
 def with_truth(pool: Pool, found: Found) -> tuple[Found, Found]:

@@ -1,5 +1,6 @@
 """Panels laid into pictures, in batches: what the networks are trained on besides rendered frames."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -8,7 +9,7 @@ from torch.nn import functional
 
 from vocc_torch.studies.train_detector.draws import Draws
 from vocc_torch.studies.train_detector.finish import blurred
-from vocc_torch.studies.train_detector.geometry import cells_of, signed_area
+from vocc_torch.studies.train_detector.geometry import cells_of, pixels, signed_area
 
 SHAPES = (
     ((8, 8),) * 7
@@ -54,12 +55,12 @@ class Looks:
     wide_margin: float = 0.2  # share of boards with the added margin
     uneven_margin: float = 0.3  # share of boards with another margin on each side
     lip: float = 0.25  # share of boards with a frame of another brightness
-    lip_cells: tuple[float, float] = (0.1, 0.5)  # its width
+    lip_cells: tuple[float, float] = (0.1, 1.5)  # its width
     brightest_lip: float = 230.0
     hidden_off: float = 0.25  # share of panels whose Off LEDs do not show
     dark_off: float = 0.6  # share of panels whose Off LEDs differ from the board
     off: tuple[float, float] = (-30.0, 60.0)
-    contrast: tuple[float, float] = (30.0, 500.0)  # of On LEDs
+    contrast: tuple[float, float] = (15.0, 500.0)  # of On LEDs
     as_bright: float = 0.75  # share of panels whose small LEDs are brighter
     least_soft_cells: float = 0.06  # of an LED's edge
     cored: float = 0.35  # share of panels whose LEDs are brighter inside
@@ -93,6 +94,21 @@ class Likenesses:
 
 
 LIKENESSES = Likenesses()
+
+
+@dataclass(frozen=True)
+class Things:
+    """Bright and dark polygons beside panels; lengths in halves of a panel's diagonal."""
+
+    beside: float = 0.35  # share of panels with one
+    away: tuple[float, float] = (0.7, 2.0)  # its middle from the panel's
+    size: tuple[float, float] = (0.15, 1.2)
+    sides: int = 5
+    uneven: float = 0.5  # of its size, by which a side is nearer, at most
+    brightest: float = 400.0
+
+
+THINGS = Things()
 
 
 def shapes_of(draws: Draws) -> Tensor:
@@ -326,6 +342,7 @@ def with_panels(
         soft_px: width of an LED's edge.
         likeness: lattices that are no panels, in place of panels.
     """
+    pictures = with_things(pictures, quads, draws)
     size = pictures.shape[1], pictures.shape[2]
     lattice = lattice_of(draws, quads, shapes, size, likeness)
     spots = spots_of(draws, lattice, soft_px, likeness)
@@ -338,6 +355,25 @@ def with_panels(
     glow = draws.coin(LOOKS.glowing) * draws.geometric(*LOOKS.glow, 1)
     halo = blurred(excess.view_as(pictures), sigma.clamp(*LOOKS.glow_px)[:, 0])
     return laid.view_as(pictures) + glow[..., None] * halo
+
+
+def with_things(pictures: Tensor, quads: Tensor, draws: Draws) -> Tensor:
+    """Draw a polygon into some of the pictures (B,H,W), beside the places (B,4,2) px of panels."""
+    options, (high, wide) = THINGS, pictures.shape[1:]
+    centre = quads.mean(1)
+    half = (quads - centre[:, None]).norm(dim=2).mean(1, keepdim=True)
+    angle, turns = (
+        draws.uniform(0, 2 * math.pi, count) for count in (1, options.sides)
+    )
+    away = half * draws.uniform(*options.away, 1)
+    middle = centre + away * torch.cat([angle.cos(), angle.sin()], 1)
+    far = half * draws.geometric(*options.size, 1)
+    far = far * draws.uniform(1 - options.uneven, 1, options.sides)
+    at = pixels(high, wide, draws.device) - middle[..., None]
+    beyond = torch.stack([turns.cos(), turns.sin()], 2) @ at > far[..., None]
+    inside = ~beyond.any(1) & draws.coin(options.beside)
+    shade = draws.uniform(0, options.brightest, 1)
+    return torch.where(inside, shade, pictures.flatten(1)).view_as(pictures)
 
 
 def module_cells(places: Tensor, leds: Tensor, gap: Tensor) -> tuple[Tensor, Tensor]:

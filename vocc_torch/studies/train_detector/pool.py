@@ -42,7 +42,7 @@ STREETS = ("street", "street_night")
 PLAIN = ("paper", "fog", "tunnel", "night", "low_sun")
 """Scenes of which in each round one has a block."""
 
-SHAPES = ((8, 8), (8, 8), (4, 4), (16, 16), (4, 8), (8, 16))
+SHAPES = ((8, 8), (4, 4), (8, 8), (16, 16), (4, 8), (8, 16))
 """Rows and columns of the panels: in each round the first two and one of the others."""
 
 
@@ -104,7 +104,7 @@ def render_block(block: PoolBlock) -> None:
         f"scene.offset_y_m=[uniform,{-down},{down}]",
         *([] if block.rows else [ABSENT]),
     )
-    world = replace(load_scene(block.scene, *overrides), framing="filled")
+    world = replace(load_scene(block.scene, *overrides), framing="filled", device="cpu")
     point = f"train_detector {block.path.stem}"
     parts = list(simulate(world, options.frames, block.seed, point=point))
     grey = torch.cat([one.frames.grey for one in parts])
@@ -176,11 +176,13 @@ class Pool:
         sides = torch.stack(cell_size_px(self.corners_px, PanelShape(1, 1)))
         return (sides.prod(0) / self.shapes.prod(1)).sqrt().float()
 
-    def level(self, number: int, frame: int) -> Tensor:
-        """Give a level (H,W) of a frame, float32."""
+    def levels(self, number: int, frames: Tensor) -> Tensor:
+        """Give a level of frames (n,), (n,H,W) float32."""
         high, wide = self.sizes[number].tolist()
-        start = int(self.starts[number]) + frame * high * wide
-        return self.buffer[start : start + high * wide].view(high, wide).float()
+        start = int(self.starts[number])
+        many = len(self.shapes)
+        planes = self.buffer[start : start + many * high * wide].view(many, high, wide)
+        return planes[frames].float()
 
     def read(self, frame: Tensor, level: Tensor, at: Tensor) -> Tensor:
         """Read (B,P) of frames (B,) bilinearly in levels (B,) at places (B,2,P) px of the frame.
@@ -196,9 +198,9 @@ class Pool:
 def levels_of(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
     """Lay the halvings of frames (N,H,W) uint8 into one buffer, and say where each begins."""
     parts, starts, sizes, start = [], [], [], 0
-    level = grey[:, None]
+    level = grey[:, None].to(device)
     while min(level.shape[2:]) >= pyramids.SETTINGS.least_side_px:
-        parts.append(level.flatten().to(device))
+        parts.append(level.flatten())
         starts.append(start)
         sizes.append(level.shape[2:])
         start += level.numel()

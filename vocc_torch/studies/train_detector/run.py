@@ -2,6 +2,7 @@
 
 import math
 import os
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +37,7 @@ class LearningSettings:
     warm_steps: int = 200  # in which the rate rises
     decay: float = 1e-3  # of weights
     most_gradient: float = 5.0
+    newest: float = 2e-3  # share of the newest weights in their moving mean
 
 
 SETTINGS = LearningSettings()
@@ -76,7 +78,7 @@ def current(folder: Path, device: torch.device) -> Networks:
             state = torch.load(
                 folder / f"{part}.pt", weights_only=True, map_location=device
             )
-            getattr(networks, part).load_state_dict(state["net"])
+            getattr(networks, part).load_state_dict(state["mean"])
     networks.parts().to(device)
     return networks
 
@@ -107,10 +109,11 @@ def train_part(
     optimiser = torch.optim.AdamW(
         net.parameters(), SETTINGS.rate, weight_decay=SETTINGS.decay
     )
-    done = 0
+    done, mean = 0, deepcopy(net)
     if path.exists():
         state = torch.load(path, weights_only=True, map_location=device)
         net.load_state_dict(state["net"])
+        mean.load_state_dict(state["mean"])
         optimiser.load_state_dict(state["optimiser"])
         done = int(state["done"])
     sampler, generator = SAMPLERS[part](pool, scale), torch.Generator(device)
@@ -129,16 +132,18 @@ def train_part(
                 generator.manual_seed(seed * 1_000_003 + step)
                 loss = sampler.loss(net, generator)
                 descend(optimiser, loss, rate_at(step, steps))
+                average(mean, net, step)
                 total += loss.detach()
             state = {
                 "net": net.state_dict(),
+                "mean": mean.state_dict(),
                 "optimiser": optimiser.state_dict(),
                 "done": taken.stop,
             }
             with atomic_file(path) as temporary:
                 torch.save(state, temporary)
-            mean = float(total) / len(taken)
-            view.say(f"{part}: step {taken.stop}, loss {mean:.4f}")
+            loss_of_step = float(total) / len(taken)
+            view.say(f"{part}: step {taken.stop}, loss {loss_of_step:.4f}")
             view.advance(words, len(taken))
 
 
@@ -157,6 +162,14 @@ def descend(optimiser: torch.optim.Optimizer, loss: Tensor, rate: float) -> None
     loss.backward()  # type: ignore[no-untyped-call]
     nn.utils.clip_grad_norm_(group["params"], SETTINGS.most_gradient)
     optimiser.step()
+
+
+@torch.no_grad()
+def average(mean: nn.Module, net: nn.Module, step: int) -> None:
+    """Take the newest weights into their moving mean, which is short at the beginning."""
+    share = max(SETTINGS.newest, 1 / (1 + step))
+    for kept, weights in zip(mean.parameters(), net.parameters(), strict=True):
+        kept.lerp_(weights, share)
 
 
 SAMPLERS: dict[str, type[Sampler]] = {

@@ -55,6 +55,9 @@ class ScoutTraining:
     small_share: float = 0.35  # of rendered panels
     alike: float = 1.2  # ratio to a limit of sizes, within which panels may be of both
     other_weight: float = 0.5  # of scores for other sizes where a panel is
+    framed: float = 0.15  # share of crops in which the frame ends
+    # Distance of a frame's end from a panel, in sides of the panel.
+    framed_off: tuple[float, float] = (-0.02, 0.6)
 
 
 SETTINGS = ScoutTraining()
@@ -97,7 +100,7 @@ class ScoutSampler(Sampler):
         batch = pictures_of([composed, rendered], others)
         shapes = torch.zeros(len(batch.grey), 2, device=empty.device)
         shapes[batch.panel] = torch.cat([laid, shown])
-        return shapes, batch
+        return shapes, batch._replace(grey=framed(batch, generator))
 
     def composed(self, draws: Draws) -> tuple[tuple[Tensor, Tensor], Tensor]:
         """Lay panels into pictures; give these, the corners and the shapes."""
@@ -141,6 +144,27 @@ class ScoutSampler(Sampler):
         """Give the loss of a batch."""
         shapes, batch = self.batch(generator)
         return scout_loss(net(batch.grey[:, None]), shapes, batch)
+
+
+def framed(batch: Pictures, generator: torch.Generator) -> Tensor:
+    """Let the frame end in some crops, beside a panel or where one of another crop is.
+
+    As in the scout's pictures of whole levels, what lies beyond has a mean grey value.
+    """
+    options, draws = SETTINGS, Draws(generator, len(batch.grey))
+    others = draws.below(int(batch.panel.sum()))
+    quads = torch.where(batch.panel[:, None, None], batch.quads, batch.quads[others])
+    low, high = quads.amin(1), quads.amax(1)
+    off, ends = draws.uniform(*options.framed_off, 4), draws.uniform(0, 1, 4) < 0.5
+    off = torch.where(ends, off, torch.inf) * (high - low).amax(1, keepdim=True)
+    low, high = low - off[:, :2], high + off[:, 2:]
+    at = torch.arange(options.crop_px, device=draws.device)[:, None] + 0.5
+    inside = (at > low[:, None]) & (at < high[:, None])
+    across, down = inside.unbind(2)
+    shown = (down[:, :, None] & across[:, None]) | ~draws.coin(options.framed)[
+        ..., None
+    ]
+    return torch.where(shown, batch.grey, batch.grey.mean((1, 2), keepdim=True))
 
 
 def sizes_of(shapes: Tensor) -> tuple[Tensor, Tensor]:
