@@ -10,7 +10,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.paired import PairedCounts, paired_interval
+from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.trainings import Trained, mean_difference
 
 
@@ -354,28 +354,26 @@ class Curves:
             return sum((self.pair(a, b, at) for at in self.values), PairedCounts())
         return _of_either(self.paired, a, b, value)
 
+    def trainings(self, receiver: str, value: float) -> Trained:
+        """Give what one receiver got wrong after each training, of which there may be one."""
+        counts = self.counts[receiver, value]
+        return self.trained.get((receiver, value)) or Trained((counts,), counts)
+
     def tested(self, receiver: str, value: float) -> Counts:
         """Return a receiver's errors, summed over all its trainings."""
-        of = self.trained.get((receiver, value))
-        return self.counts[receiver, value] if of is None else of.pooled
+        return self.trainings(receiver, value).pooled
 
-    def trained_pair(
-        self, a: str, b: str, value: float, confidence: float = CONFIDENCE
-    ) -> Estimate | None:
-        """Give the algorithms' difference, a less b, at one value; None after a single training."""
-        if (a, value) not in self.trained or (b, value) not in self.trained:
-            return None
-        pair = _of_either(self.trained_pairs, a, b, value)
-        return mean_difference(
-            self.trained[a, value], self.trained[b, value], pair, confidence
-        )
+    def tested_pair(self, a: str, b: str, value: float) -> PairedCounts:
+        """Compare receiver a with receiver b over all their trainings."""
+        return _of_either(self.trained_pairs or self.paired, a, b, value)
 
     def difference(
         self, a: str, b: str, value: float, confidence: float = CONFIDENCE
     ) -> Estimate:
         """Give the rate of a less that of b at one value: the algorithms' after several trainings."""
-        trained = self.trained_pair(a, b, value, confidence)
-        return trained or paired_interval(self.pair(a, b, value), confidence)
+        first, second = self.trainings(a, value), self.trainings(b, value)
+        pair = self.tested_pair(a, b, value)
+        return mean_difference(first, second, pair, confidence)
 
 
 def _of_either(pairs: Pairs, a: str, b: str, value: float) -> PairedCounts:

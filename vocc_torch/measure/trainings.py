@@ -22,7 +22,7 @@ class Trained:
     """What one receiver got wrong after each of K trainings, on the same frames.
 
     Args:
-        counts: errors of every training, that of the saved receiver first; at least two.
+        counts: errors of every training, that of the saved receiver first.
         pooled: errors of all together: a frame holds the bits of all trainings.
 
     Example:
@@ -91,11 +91,13 @@ def widened(
 
     Args:
         frames: the mean over the trainings, with its interval over frames.
-        each: the number of each training, at least two.
+        each: the number of each training; of a single one no scatter is known.
         confidence: above 0, below 1.
         logarithmic: whether the scatter is by factors, as that of rates is; the mean is then above 0.
         against_one: whether this is the difference from somebody's single training, which scatters as well.
     """
+    if len(each) < 2:
+        return frames
     reach = t_reach(each, confidence) * math.sqrt(1 + len(each) * against_one)
     below = above = reach
     if logarithmic:

@@ -171,8 +171,8 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                         sign_test(paired),
                     ]
                     trained: Cells = (1, None, None, None, None)
-                    if (of := curves.trained_pair(a, b, value)) is not None:
-                        count = len(curves.trained[a, value].counts)
+                    if (count := len(curves.trainings(a, value).counts)) > 1:
+                        of = curves.difference(a, b, value)
                         trained = (count, *astuple(of), int(of.real))
                     lines.append((*line, *trained))
     write_rows(path, lines, short=True)

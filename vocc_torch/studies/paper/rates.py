@@ -66,12 +66,10 @@ class Comparison:
         (first, x), (second, y), curves = self.above, self.below, self.curves
         if x == y:
             return curves.difference(first, second, x, confidence)
-        counts = curves.tested(first, x), curves.tested(second, y)
-        apart = paired.difference_independent(*counts, confidence)
-        if not curves.trained:
-            return apart
-        high, low = (curves.trained[at].rates for at in (self.above, self.below))
-        return trainings.widened(apart, np.subtract(high, low).tolist(), confidence)
+        high, low = curves.trainings(first, x), curves.trainings(second, y)
+        apart = paired.difference_independent(high.pooled, low.pooled, confidence)
+        scatter: list[float] = np.subtract(high.rates, low.rates).tolist()
+        return trainings.widened(apart, scatter, confidence)
 
     def text(self) -> str:
         """The two rates and where they were measured."""
@@ -102,9 +100,7 @@ def quoted_difference(
 ) -> Estimate:
     """Our rate less a quoted one, which is that of a single training and scatters as each of ours does."""
     theirs = quoted_counts(curves, receiver, value, ber)
-    several = curves.trained.get((receiver, value))
-    if several is None:
-        return paired.difference_independent(curves.counts[receiver, value], theirs)
+    several = curves.trainings(receiver, value)
     ours = (
         several.pooled if several.pooled.half_errors else curves.counts[receiver, value]
     )
@@ -180,10 +176,7 @@ def two_and_three(curves: curve.Curves, values: Sequence[float]) -> Features:
         sum((curves.tested(name, at) for at in values), Counts())
         for name in ("flda_2", "flda_3")
     )
-    if curves.trained:
-        pairs = (curves.trained_pairs["flda_2", "flda_3", at] for at in values)
-    else:
-        pairs = (curves.pair("flda_2", "flda_3", at) for at in values)
+    pairs = (curves.tested_pair("flda_2", "flda_3", at) for at in values)
     return two, three, sum(pairs, paired.PairedCounts())
 
 
@@ -197,18 +190,17 @@ def gain(curves: curve.Curves, value: float | None) -> Estimate | None:
         found = paired.mean_gain(two_and_three(curves, [at]) for at in curves.values)
     else:
         found = paired.relative_gain(*two_and_three(curves, [value]))
-    scatter = gain_by_training(curves, value)
-    return trainings.widened(found, scatter) if found and scatter else found
+    return found and trainings.widened(found, gain_by_training(curves, value))
 
 
 def gain_by_training(curves: curve.Curves, value: float | None) -> list[float]:
-    """How far each training's gain is from that of all trainings; empty after a single training.
+    """How far each training's gain is from that of all trainings.
 
     A ratio of rates is taken as linear in them, so that a training without errors is no gap.
     """
     apart = []
-    for at in (curves.values if value is None else (value,)) if curves.trained else ():
-        two, three = (curves.trained[name, at] for name in ("flda_2", "flda_3"))
+    for at in curves.values if value is None else (value,):
+        two, three = (curves.trainings(name, at) for name in ("flda_2", "flda_3"))
         if base := two.pooled.ber:
             expected = np.multiply(three.pooled.ber / base, two.rates)
             apart.append(np.subtract(expected, three.rates) / base)
@@ -224,7 +216,9 @@ def gain_difference(
     scale = math.sqrt(two.frames / paper_frames(curves, value))
     scatter = gain_by_training(curves, value)
     # The paper's two receivers come of one training.
-    alone = trainings.t_reach(scatter) * math.sqrt(len(scatter)) if scatter else 0.0
+    alone = 0.0
+    if len(scatter) > 1:
+        alone = trainings.t_reach(scatter) * math.sqrt(len(scatter))
     below, above, apart = (
         found.value - found.low,
         found.high - found.value,
