@@ -90,6 +90,11 @@ class FigurePlan:
     rows: Mapping[float, RateStudy]
 
     @property
+    def experiments(self) -> tuple[str, ...]:
+        """The experiments of bit error rates, in order."""
+        return tuple(dict.fromkeys(experiment for _, experiment in self.studies))
+
+    @property
     def every_study(self) -> list[RateStudy]:
         """The studies, each once, those of the first reading first."""
         every = (*self.studies.values(), *self.rows.values())

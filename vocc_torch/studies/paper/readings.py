@@ -1,18 +1,16 @@
 """Readings of what the paper leaves open, by name or from a file."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from importlib.resources import files as resources
 from pathlib import Path
 from typing import Any
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.files import read_file
-from vocc_torch.hardware import Camera
 from vocc_torch.measure import build, config
-from vocc_torch.measure.config import PanelSettings, ReceiverSettings
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.schema import whole
+from vocc_torch.measure.schema import typed
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
 from vocc_torch.yaml_text import parse_yaml
 
@@ -70,29 +68,23 @@ def load_readings(
     if not chosen or len(dict(chosen)) < len(chosen):
         rule = "at least one reading, each once"
         raise VoccError.of("figures.readings", list(names), rule)
+    known = {item.name for item in fields(config.Settings)}
+    plain = {key: value for key, value in asdict(settings).items() if key in known}
     readings = []
     for name, entry in chosen:
         with section(f"figures.readings.{name}"):
-            changed = replace(
-                settings,
-                camera=whole(Camera, settings.camera),
-                panel=whole(PanelSettings, settings.panel),
-                receiver=whole(ReceiverSettings, settings.receiver),
-            )
+            changes: list[Any] = [{"experiment": {}}]
             for key, value in entry["set"].items():
                 if key.partition(".")[0] not in SECTIONS:
-                    raise VoccError.of(
-                        "a key",
-                        repr(key),
-                        f"one that begins with {', '.join(SECTIONS)}",
-                    )
+                    rule = f"one that begins with {', '.join(SECTIONS)}"
+                    raise VoccError.of("a key", repr(key), rule)
                 if not of_absent_effect(settings, key):
-                    changed = with_value(changed, key, value)
-            readings.append(
-                PaperReading(
-                    name, entry["set"], entry["why"], build.build_plan(changed, folder)
-                )
-            )
+                    changes.append(value)
+                    for part in reversed(key.split(".")):
+                        changes[-1] = {part: changes[-1]}
+            plan = build.build_plan(typed(config.Settings, plain, *changes), folder)
+            plan.world.simulator()  # a wrong effect is refused now
+            readings.append(PaperReading(name, entry["set"], entry["why"], plan))
     return tuple(readings)
 
 
@@ -130,33 +122,3 @@ def parsed(text: str, path: str) -> dict[str, dict[str, Any]]:
             )
         config.demand_file_word(f"figures.readings: {path}", str(name))
     return dict(entries)
-
-
-def with_value(node: Any, path: str, value: object, key: str = "") -> Any:
-    """Set a key of a dataclass or a mapping, and of those below it.
-
-    Args:
-        node: the dataclass or mapping, which stays as it is.
-        path: the key, such as ``panel.board_reflectance``.
-        value: its value, which the dataclass checks.
-        key: the whole key, where ``path`` is its end.
-
-    Raises:
-        VoccError: an unknown key.
-
-    Example:
-        >>> from vocc_torch.hardware import Camera
-        >>> with_value({"camera": Camera()}, "camera.focal_length_mm", 18.0)["camera"].focal_length_mm
-        18.0
-    """
-    name, _, rest = path.partition(".")
-    mapping = isinstance(node, dict)
-    children = (
-        node
-        if mapping
-        else {known.name: getattr(node, known.name) for known in fields(node)}
-    )
-    if name not in children and (rest or not mapping):
-        raise VoccError.of(key or path, f"unknown at {name}", ", ".join(children))
-    below = with_value(children[name], rest, value, key or path) if rest else value
-    return {**node, name: below} if mapping else replace(node, **{name: below})

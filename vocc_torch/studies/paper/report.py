@@ -20,7 +20,6 @@ from vocc_torch.studies.paper.plan import (
     DIMMING,
     FIGURES,
     PAPER_RECEIVERS,
-    RATE_FIGURES,
     FigurePlan,
 )
 from vocc_torch.studies.paper.rules import VERDICTS, Evidence
@@ -42,9 +41,8 @@ class Report:
     evidence: dict[str, Evidence]
     drawn: dict[str, dict[str, plots.Figure]] = field(default_factory=dict)
 
-    def add_rates(self, name: str) -> None:
+    def add_rates(self, experiment: str, name: str) -> None:
         """Draw a figure of bit error rates under the first reading and under all, and write its points."""
-        experiment = next(key for key, figure in RATE_FIGURES.items() if figure == name)
         tables = {
             reading: found.experiments[experiment].table()
             for reading, found in self.evidence.items()
@@ -88,9 +86,7 @@ class Report:
 
     def add_numbers(self, estimates: Mapping[str, Estimate]) -> None:
         """Add numbers to the evidence of the first reading."""
-        first = next(iter(self.evidence))
-        found = self.evidence[first]
-        self.evidence[first] = replace(found, numbers={**found.numbers, **estimates})
+        self.evidence[self.plan.readings[0].name].numbers.update(estimates)
 
     def write_rows(self, name: str, rows: Sequence[run_folder.Cells]) -> None:
         """Write a CSV file below the run's folder."""

@@ -67,7 +67,7 @@ class Evidence:
     """
 
     experiments: Mapping[str, curve.Curves]
-    numbers: Mapping[str, Estimate]
+    numbers: dict[str, Estimate]
 
     def curves(
         self, experiment: str, receivers: Sequence[str], values: Sequence[float] = ()

@@ -50,9 +50,8 @@ def run_figures(
             if plan.every_study:
                 outcomes = measure(settings, plan, run, folder)
             report = Report(folder, plan, plan.evidence(outcomes))
-            for name in plan.names:
-                if name in RATE_FIGURES.values():
-                    report.add_rates(name)
+            for experiment in plan.experiments:
+                report.add_rates(experiment, RATE_FIGURES[experiment])
             if (cells := plan.grid(outcomes)) is not None:
                 report.add_dimming(cells)
         # After the workers have ended: one of these figures is a measurement of time.
