@@ -57,6 +57,12 @@ class Decoded(NamedTuple):
     appearance: Tensor
     false_alarms: Tensor
 
+    @property
+    def panels(self) -> StatedPanels:
+        """Where the panels are."""
+        judged = self.found, self.panel_score, self.candidates
+        return StatedPanels(self.corners_px, *judged, self.false_alarms)
+
 
 @dataclass(frozen=True, slots=True)
 class StagedReceiver:

@@ -1,7 +1,8 @@
 """Any input as frames: a path, an array, a picture in memory or a live source."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import chain, groupby, islice
 from pathlib import Path
 from typing import Any
 
@@ -98,8 +99,35 @@ def read_source(source: object, channel: str) -> Iterator[RecordedFrame]:
 def readable(
     recording: Iterator[RecordedFrame], failures: list[str]
 ) -> Iterator[RecordedFrame]:
-    """Pass on the frames that can be read, and append to ``failures`` what cannot."""
-    try:
-        yield from recording
-    except VoccError as error:
-        failures.append(str(error))
+    """Pass on the frames that can be read, and append to ``failures`` what cannot.
+
+    Raises:
+        VoccError: a recording of which no frame can be read, at once.
+    """
+
+    def frames() -> Iterator[RecordedFrame]:
+        try:
+            yield from recording
+        except VoccError as error:
+            failures.append(str(error))
+
+    every = frames()
+    for first in every:
+        return chain([first], every)
+    raise VoccError(failures[0])
+
+
+def batches(
+    recording: Iterable[RecordedFrame], frames: int, pixels: int
+) -> Iterator[list[RecordedFrame]]:
+    """Batch frames of one size that are read together.
+
+    Args:
+        recording: the frames, in order.
+        frames: of a batch, at most.
+        pixels: of all its frames together, at most, unless one has more.
+    """
+    for (height, width), run in groupby(recording, key=lambda frame: frame.grey.shape):
+        size = max(1, min(frames, pixels // (height * width)))
+        while batch := list(islice(run, size)):
+            yield batch

@@ -5,6 +5,7 @@ import pytest
 from channels import seen, through
 
 from vocc_torch.extras.messages.clock import SymbolClock
+from vocc_torch.extras.messages.combine import judged
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Assembly
 from vocc_torch.extras.messages.reception import Reception, film_of
@@ -99,7 +100,7 @@ def repeated(times, draws):
 
 def received(llr, stamps, plan=PLAN):
     reception = Reception(plan)
-    assembly = Assembly(reception.code.info_bytes - 16)
+    assembly = Assembly(reception.layout.code.info_bytes - 16)
     got = through(reception, llr, stamps / 100)
     for received_packet in got:
         if received_packet.packet:
@@ -111,18 +112,16 @@ def received(llr, stamps, plan=PLAN):
 def test_the_message_arrives_through_faulty_recordings(faults):
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(4), faults=faults, begin=0.0)
     # The camera's own stamps know nothing of what was lost or repeated.
-    assembly, _, reception = received(llr, stamps)
+    assembly, _, _ = received(llr, stamps)
     assert [
         received_packet.content
         for received_packet in assembly.messages
         if received_packet.complete
     ] == [MESSAGE]
-    assert (
-        0.02
-        < reception.combiner.passed_over
-        / (reception.combiner.passed_over + reception.combiner.used)
-        < 0.3
-    )
+    clock = SymbolClock(Layout(PLAN))
+    ticks = clock.push(llr, list(stamps / 100)), clock.finish()
+    weights = np.concatenate([judged(one.agreement) for one in ticks])
+    assert 0.02 < (weights < 1).mean() < 0.3
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 190.4), slowly(100.3, 256)])
@@ -137,7 +136,7 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
         if begin <= 128 * b + 1 and 128 * (b + 1) <= end + 1
     ]
     expected = {4 * block + place for block in blocks for place in range(4)}
-    count = -(-len(MESSAGE) // (reception.code.info_bytes - 16))
+    count = -(-len(MESSAGE) // (reception.layout.code.info_bytes - 16))
     (message,) = assembly.messages
     assert expected - {*range(count, 99)} <= set(message.parts)
     assert message.complete == (len(message.parts) == count)

@@ -72,12 +72,15 @@ def test_a_recording_is_read_from_the_first_frame_that_shows_the_panel(receiver)
 
 
 def test_packets_are_counted_by_recording():
-    each = [0, 4, 4, 1, 0, 0]
-    lost = counted((n, 4) for n in each)
     variant, place = Variant("a", "ldpc-0.5"), SweepPoint("distance_m", 50.0)
-    carried = Carried(place, variant, lost, lost, 3.2, 9, 0)
-    total = sum((Counts(1, 4, 2 * n, 4 * n * n, int(n > 0)) for n in each), Counts())
-    assert carried.lost == total
+    each = [
+        Carried(place, variant, counted(n, 4), counted(n, 4), 3.2, 9, n)
+        for n in (0, 4, 4, 1, 0, 0)
+    ]
+    carried = sum(each[1:], each[0])
+    total = Counts(6, 24, 18, 132, 3)
+    assert carried.lost == carried.raw == total
+    assert (carried.frames, carried.false) == (54, 9)
     assert carried.loss == ber_interval(total)
     # Recordings are lost as a whole: fewer than 24 packets' worth of knowledge.
     assert carried.loss.high - carried.loss.low > 0.5

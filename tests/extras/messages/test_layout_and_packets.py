@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vocc_torch.errors import VoccError
-from vocc_torch.extras.messages.codes import ReedSolomon, code_of
+from vocc_torch.extras.messages.codes import ReedSolomon
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Assembly, packed, unpacked
 from vocc_torch.extras.messages.receive_task import doubts, lost, write_messages
@@ -154,13 +154,13 @@ def coded(code):
     if code == "ldpc":
         pytest.importorskip("sionna")
     laid = layout(code=code)
-    return laid, code_of(laid)
+    return laid, laid.code
 
 
 def test_reed_solomon_corrects_half_as_many_bytes_as_it_adds_and_all_that_are_known_to_be_lost():
     code, draws = ReedSolomon(216, 150), np.random.default_rng(0)
     info = draws.integers(256, size=(1, 150), dtype=np.uint8)
-    sure = 8.0 * code.encode(info).astype(np.float32) - 4
+    sure = 8.0 * code.encode([info.tobytes()]).astype(np.float32) - 4
     for wrong, unsure, right in (
         (33, False, True),
         (34, False, False),

@@ -137,8 +137,6 @@ def read_footage(
     failures: list[str] = []
     frames = readable(read_recording(source, config.channel, grey_only=True), failures)
     chosen, read, step = thinned(frames, config.frames)
-    if not chosen:
-        raise VoccError(failures[0])
     greys = np.stack([frame.grey for frame in chosen])
     white = float((greys >= 255).mean())
     if white > SETTINGS.white_share:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,19 +60,38 @@ NEAR = 64
 """Frames beside a jump that are compared so."""
 
 
-@dataclass(frozen=True)
-class Ticks:
+class Ticks(NamedTuple):
     """Settled frames.
 
     Args:
-        first: number of the first one among all frames.
         symbol: (F,B) int64, the symbol that each band of rows shows, counted from the first block's begin.
         agreement: (F,B) float32, how well the band's clock cell agrees with that; 0 or less: not at all.
+        llr: (F,R,C) float32, as they were pushed.
+        times_s: likewise.
     """
 
-    first: int
     symbol: Integers
     agreement: Singles
+    llr: Singles
+    times_s: list[float | None]
+
+
+class Waiting(NamedTuple):
+    """A frame that is not settled yet.
+
+    Args:
+        llr: (R C,) float32.
+        time_s: when it was taken, or None.
+        likelihood: (P B,) float32, log-likelihood of each state.
+        back: (P B,) the likeliest state of the frame before.
+        ahead: expected after that frame, in bands.
+    """
+
+    llr: Singles
+    time_s: float | None
+    likelihood: Singles
+    back: NDArray[np.int32]
+    ahead: float
 
 
 class SymbolClock:
@@ -100,30 +119,20 @@ class SymbolClock:
     """
 
     def __init__(self, layout: Layout) -> None:
-        self.layout, self.rate_hz = layout, layout.plan.signalling.symbol_rate_hz
-        self.states = layout.symbols * layout.bands
+        self.layout = layout
         kind = layout.kind.ravel()
         rows = layout.band_of_row.repeat(layout.kind.shape[1])
-        shown = layout.known.reshape(layout.symbols, -1).astype(np.float32)
-        self._cells = [
-            np.flatnonzero((rows == band) & (kind != "data"))
-            for band in range(layout.bands)
-        ]
-        self._shown = [shown[:, cells].T for cells in self._cells]
-        self._clocks = [
-            np.flatnonzero((rows == band) & (kind == "clock"))
-            for band in range(layout.bands)
-        ]
+        shown = layout.known.reshape(layout.symbols, -1).T.astype(np.float32)
+        known = [(rows == band) & (kind != "data") for band in range(layout.bands)]
+        self._known = [(cells, shown[cells]) for cells in known]
         self._anchors = kind == "anchor"
-        self._lit = np.zeros((1, kind.size))
-        self._value = np.zeros(self.states, dtype=np.float32)
-        self._back: list[NDArray[np.int32]] = []
-        self._steps: list[float] = []
-        self._llr: list[Singles] = []
-        self._seen: list[Singles] = []
+        self._lit: Floats | None = None
+        self._value = np.zeros(layout.symbols * layout.bands, dtype=np.float32)
+        self._frames: list[Waiting] = []
         self._last: float | None = None
         self._doubted = np.zeros(0, dtype=bool)
-        self._settled, self._place, self._symbols, self._ahead = 0, -1, 0, 0.0
+        self._unit: int | None = None
+        self._ahead = 0.0
 
     def push(self, llr: Singles, times_s: Sequence[float | None]) -> Ticks | None:
         """Take frames in.
@@ -136,163 +145,125 @@ class SymbolClock:
             Frames that are settled by now, or None.
         """
         flat = llr.reshape(len(llr), -1).astype(np.float32)
-        # A cell that is hidden from the begin on.
-        if not self._llr and not self._settled:
+        if self._lit is None:  # a cell may be hidden from the begin on
             self._lit = (1 - 1 / MEMORY) * np.sign(flat).mean(axis=0, keepdims=True)
         alive, self._lit = lfilter(
             [1 / MEMORY], [1, 1 / MEMORY - 1], np.sign(flat), axis=0, zi=self._lit
         )
         alive = (np.abs(alive) < STUCK) | self._anchors
-        likelihoods = self._likelihood(
-            np.clip(flat, -SURE, SURE) * alive.astype(np.float32)
-        )
-        for row, values, time_s in zip(flat, likelihoods, times_s, strict=True):
+        likelihoods = self._likelihood(flat.clip(-SURE, SURE) * alive)
+        for row, likelihood, time_s in zip(flat, likelihoods, times_s, strict=True):
             # Without a clock of its own the camera is taken to be faster than the panel.
-            if time_s is None or self._last is None:
-                ahead = 0.5
-            else:
-                ahead = max(0.0, (time_s - self._last) * self.rate_hz)
+            ahead = 0.5
+            if time_s is not None and self._last is not None:
+                rate_hz = self.layout.plan.signalling.symbol_rate_hz
+                ahead = max(0.0, (time_s - self._last) * rate_hz)
             self._last = time_s
-            self._advance(values, ahead)
-            self._llr.append(row)
-            self._seen.append(values)
-        return (
-            self._settle(len(self._back) - DELAY)
-            if len(self._back) >= 2 * DELAY
-            else None
-        )
+            back, units = self._advance(likelihood, ahead), ahead * self.layout.bands
+            self._frames.append(Waiting(row, time_s, likelihood, back, units))
+        settled = len(self._frames) - DELAY
+        return self._settle(settled) if settled >= DELAY else None
 
     def finish(self) -> Ticks | None:
         """Settle the remaining frames."""
-        return self._settle(len(self._back), at_end=True) if self._back else None
+        return self._settle(len(self._frames), at_end=True) if self._frames else None
 
     def _likelihood(self, llr: Singles) -> Singles:
         """Give the log-likelihood of every state (F,P*B) from known cells."""
-        bands = self.layout.bands
-        correlations = np.stack(
-            [
-                llr[:, c] @ shown / 2
-                for c, shown in zip(self._cells, self._shown, strict=True)
-            ]
-        )
-        states = np.empty((len(llr), self.layout.symbols, bands), dtype=np.float32)
-        for after in range(bands):  # bands at the bottom that show the next symbol
-            following = np.roll(correlations[bands - after :].sum(axis=0), -1, axis=-1)
-            states[:, :, after] = (
-                correlations[: bands - after].sum(axis=0)
-                + following
-                - MIXED_COST * (after > 0)
-            )
-        return states.reshape(len(llr), -1)
+        bands = np.stack([llr[:, cells] @ shown / 2 for cells, shown in self._known])
+        states = [bands.sum(axis=0)]
+        for band in range(len(bands) - 1, 0, -1):  # from which on the next one shows
+            following = np.roll(bands[band:].sum(axis=0), -1, axis=-1)
+            states.append(bands[:band].sum(axis=0) + following - MIXED_COST)
+        return np.stack(states, axis=-1).reshape(len(llr), -1)
 
-    def _advance(self, likelihood: Singles, ahead: float) -> None:
-        """Go on by one frame that is expected so many symbols ahead."""
-        bands, n, old = self.layout.bands, self.states, self._value
+    def _advance(self, likelihood: Singles, ahead: float) -> NDArray[np.int32]:
+        """Go on by one frame that is expected so many symbols ahead, and say where each state came from."""
+        bands, old = self.layout.bands, self._value
         low, high = math.floor(ahead), math.ceil(ahead)
         least = max(0, (low - MOST_STEPS) * bands)
-        steps = np.arange(least, (high + MOST_STEPS) * bands + bands)
-        short = low * bands - (bands - 1) - steps
-        far = steps - (high * bands + bands - 1)
-        cost = STEP_COST / bands * np.maximum(0, np.maximum(short, far))
+        steps = np.arange(least, (high + MOST_STEPS + 1) * bands)
+        usual = steps.clip((low - 1) * bands + 1, (high + 1) * bands - 1)
         # By how uniform phases fall: one symbol more is as likely as what is expected of it.
-        odds = np.array([low + 1 - ahead, ahead - low]) + EVEN
-        cost = (cost + np.interp(steps / bands, [low, low + 1], -np.log(odds))).astype(
-            np.float32
-        )
-        origin = (np.arange(n) - steps[:, None]) % n
-        reached = old[origin] - cost[:, None]
-        best = reached.argmax(axis=0)
-        value, back = reached[best, np.arange(n)], origin[best, np.arange(n)]
-        top = int(old.argmax())
-        jumps = value < old[top] - JUMP_COST
-        value[jumps], back[jumps] = old[top] - JUMP_COST, top
-        self._value = value + likelihood
+        odds = np.log(np.array([low + 1 - ahead, ahead - low]) + EVEN)
+        cost = STEP_COST / bands * np.abs(steps - usual)
+        cost -= np.interp(steps / bands, [low, low + 1], odds)
+        origin = (np.arange(len(old)) - steps[:, None]) % len(old)
+        reached = old[origin] - cost.astype(np.float32)[:, None]
+        best = reached.argmax(axis=0, keepdims=True)
+        value, jump = reached.max(axis=0), old.max() - JUMP_COST
+        back = np.take_along_axis(origin, best, axis=0)[0]
+        self._value = np.maximum(value, jump) + likelihood
         self._value -= self._value.max()
-        self._back.append(back.astype(np.int32))
-        self._steps.append(ahead * bands)
+        return np.where(value < jump, old.argmax(), back).astype(np.int32)
 
     def _settle(self, count: int, at_end: bool = False) -> Ticks:
         """Trace back from the likeliest state and settle the oldest frames."""
-        place, path = int(self._value.argmax()), []
-        for back in reversed(self._back):
-            path.append(place)
-            place = int(back[place])
+        bands, n = self.layout.bands, len(self._value)
+        path = [int(self._value.argmax())]
+        for frame in self._frames[:0:-1]:
+            path.append(int(frame.back[path[-1]]))
         path.reverse()
-        bands, n = self.layout.bands, self.states
-        units = np.empty(count, dtype=np.int64)
         doubtful = self._doubtful(np.array(path))
         # Beside a gap of which the first side is settled.
         doubtful[: len(self._doubted)] |= self._doubted
-        doubtful, self._doubted = (
-            doubtful[:count],
-            np.logical_and.accumulate(doubtful[count:]),
-        )
-        for i in range(count):
-            self._ahead += self._steps[i]
-            if self._place < 0:
-                self._place, self._symbols, self._ahead = path[i], path[i], 0.0
-            step = (path[i] - self._place + BACK * bands) % n - BACK * bands
+        self._doubted = np.logical_and.accumulate(doubtful[count:])
+        settled, self._frames = self._frames[:count], self._frames[count:]
+        at_begin = self._unit is None
+        if self._unit is None:
+            self._unit, self._ahead = path[0], -settled[0].ahead
+        units = np.empty(count, dtype=np.int64)
+        for i, frame in enumerate(settled):
+            self._ahead += frame.ahead
+            step = (path[i] - self._unit + BACK * bands) % n - BACK * bands
             # A gap may be longer than a block.
-            units[i] = (
-                self._symbols + step + n * max(0, round((self._ahead - step) / n))
-            )
+            step += n * max(0, round((self._ahead - step) / n))
+            units[i] = self._unit + step
             if not doubtful[i]:
-                self._place, self._symbols, self._ahead = path[i], units[i], 0.0
-        expected = np.cumsum(self._steps[:count])
-        for begin in [slice(None)] * (not self._settled) + [
-            slice(None, None, -1)
-        ] * at_end:
-            rejoin(units[begin], expected[begin], ASTRAY * bands)
-        llr = np.stack(self._llr[:count])
-        del (
-            self._back[:count],
-            self._steps[:count],
-            self._llr[:count],
-            self._seen[:count],
+                self._unit, self._ahead = self._unit + step, 0.0
+        expected = np.cumsum([frame.ahead for frame in settled])
+        if at_begin:
+            rejoin(units, expected, ASTRAY * bands)
+        if at_end:
+            rejoin(units[::-1], expected[::-1], ASTRAY * bands)
+        llr = np.stack([frame.llr for frame in settled])
+        is_next = np.arange(bands) >= bands - units[:, None] % bands
+        symbol = units[:, None] // bands + is_next
+        agreement = llr[:, self.layout.kind.ravel() == "clock"] * (2 * (symbol % 2) - 1)
+        agreement[doubtful[:count]] = 0
+        return Ticks(
+            symbol,
+            agreement.astype(np.float32),
+            llr.reshape(count, *self.layout.kind.shape),
+            [frame.time_s for frame in settled],
         )
-        steps = np.arange(bands)[None] >= bands - (units % bands)[:, None]
-        symbol = (units // bands)[:, None] + steps
-        odd = 2 * (symbol % 2) - 1
-        clocks = np.stack([llr[:, cells].sum(axis=1) for cells in self._clocks], axis=1)
-        agreement = np.where(doubtful[:, None], 0, clocks * odd)
-        ticks = Ticks(self._settled, symbol, agreement.astype(np.float32))
-        self._settled += count
-        return ticks
 
     def _doubtful(self, path: Integers) -> Bools:
         """Mark the frames near a jump that fit equally well on its other side: few symbols do not determine the place.
 
         Where frames were lost, nobody knows which symbol is the first one after the gap but the sync cells.
         """
-        n, bands, clock = self.states, self.layout.bands, np.cumsum(self._steps)
+        n, bands = len(self._value), self.layout.bands
+        clock = np.cumsum([frame.ahead for frame in self._frames])
+        seen = np.stack([frame.likelihood for frame in self._frames])
         apart = (np.diff(path) - np.diff(clock) + n / 2) % n - n / 2
         doubtful, about = np.zeros(len(path), dtype=bool), np.arange(-bands, bands + 1)
         # Beyond what is looked at about a place.
-        jumps = np.flatnonzero(np.abs(apart) > (1 + ASTRAY) * bands)
-        for begin, last, end in zip(
-            [-1, *jumps], jumps, [*jumps[1:], len(path) - 1], strict=False
-        ):
-            if (
-                begin >= 0
-                and (path[last] - path[begin + 1]) % n
-                < ORDERS[self.layout.symbols] * bands
-            ):
-                doubtful[begin + 1 : last + 1] = (
-                    True  # too few symbols between two jumps
-                )
+        jumps = np.flatnonzero(np.abs(apart) > (1 + ASTRAY) * bands).tolist()
+        ends = [-1, *jumps, len(path) - 1]
+        for begin, last, end in zip(ends, jumps, ends[2:], strict=False):
+            between = (path[last] - path[begin + 1]) % n
+            if begin >= 0 and between < ORDERS[self.layout.symbols] * bands:
+                doubtful[begin + 1 : last + 1] = True
             after = np.arange(last + 1, end + 1)[:NEAR]
             before = np.arange(last, begin, -1)[:NEAR]
             for rows, beyond in ((after, last), (before, last + 1)):
                 led = np.rint(path[beyond] + clock[rows] - clock[beyond]).astype(int)
-                cells = np.stack([self._seen[row] for row in rows])
                 others = np.take_along_axis(
-                    cells, (led[:, None] + about) % n, axis=1
-                ).max(axis=1)
-                sure = (
-                    np.cumsum(cells[np.arange(len(rows)), path[rows]] - others)
-                    > DOUBTFUL
+                    seen[rows], (led[:, None] + about) % n, axis=1
                 )
-                doubtful[rows[: int(sure.argmax()) if sure.any() else len(rows)]] = True
+                gain = np.cumsum(seen[rows, path[rows]] - others.max(axis=1))
+                doubtful[rows[np.maximum.accumulate(gain) <= DOUBTFUL]] = True
         return doubtful
 
 

@@ -1,16 +1,18 @@
 """Forward error correction by the field's libraries: words of bits from information, and back."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
 
 from vocc_torch.arrays import Bytes, Singles
 from vocc_torch.errors import VoccError
-from vocc_torch.extras.messages.layout import LONGEST_WORD, Layout
+from vocc_torch.extras.messages.signalling import Signalling
+
+LONGEST_WORD = 255
+"""Most bytes of a Reed-Solomon word."""
 
 ITERATIONS = 20
 """Of belief propagation."""
@@ -19,39 +21,30 @@ ERASED = (0.0, 0.4, 0.8)
 """Shares of the check bytes that are spent on erasures, tried in turn where a word does not decode."""
 
 
-class Code(Protocol):
-    """A code whose words have a fixed length.
+class Code:
+    """A code whose words have a fixed length; this one adds nothing.
 
-    ``decode`` gives what it believes, or None where it knows that it failed; a packet's checksum vouches.
+    Args:
+        info_bytes: bytes of information in a word.
     """
 
-    @property
-    def info_bytes(self) -> int:
-        """Bytes of information in a word."""
+    def __init__(self, info_bytes: int) -> None:
+        self.info_bytes = info_bytes
 
-    def encode(self, info: Bytes) -> Bytes:
-        """Turn information (N,info_bytes) uint8 into words of bits (N,n), 0 and 1."""
-
-    def decode(self, llr: Singles) -> list[bytes | None]:
-        """Turn log-likelihood ratios of words, log P(1) / P(0), (N,n), into information."""
-
-
-@dataclass(frozen=True)
-class Uncoded:
-    """No code: bits as they are decided."""
-
-    info_bytes: int
-
-    def encode(self, info: Bytes) -> Bytes:
-        """Give the bits."""
-        return np.unpackbits(info, axis=1)
+    def encode(self, infos: Sequence[bytes]) -> Bytes:
+        """Turn information of N words into their bits (N,n) uint8, 0 and 1."""
+        joined = np.frombuffer(b"".join(infos), np.uint8)
+        return np.unpackbits(joined.reshape(len(infos), -1), axis=1)
 
     def decode(self, llr: Singles) -> list[bytes | None]:
-        """Decide bit by bit."""
+        """Turn log-likelihood ratios of words, log P(1) / P(0), (N,n), into information.
+
+        None stands where the code knows that it failed; else a packet's checksum vouches.
+        """
         return [np.packbits(word >= 0).tobytes() for word in llr]
 
 
-class ReedSolomon:
+class ReedSolomon(Code):
     """Shortened Reed-Solomon words over bytes, by reedsolo.
 
     Bits are decided first. Where a word has too many errors, its least sure bytes are taken for erased, which
@@ -72,16 +65,13 @@ class ReedSolomon:
                 "transmit.code is rs, which needs reedsolo: "
                 "install the extra with pip install 'vocc-torch[messages]', or give none"
             ) from None
-        self.info_bytes, self.check_bytes = info_bytes, word_bytes - info_bytes
+        super().__init__(info_bytes)
+        self.check_bytes = word_bytes - info_bytes
         self.codec: Any = reedsolo.RSCodec(self.check_bytes, nsize=LONGEST_WORD)
 
-    def encode(self, info: Bytes) -> Bytes:
+    def encode(self, infos: Sequence[bytes]) -> Bytes:
         """Append the check bytes, and give bits."""
-        words = [
-            np.frombuffer(bytes(self.codec.encode(word.tobytes())), np.uint8)
-            for word in info
-        ]
-        return np.unpackbits(np.stack(words), axis=1)
+        return super().encode([bytes(self.codec.encode(info)) for info in infos])
 
     def decode(self, llr: Singles) -> list[bytes | None]:
         """Decode words one by one."""
@@ -101,7 +91,7 @@ class ReedSolomon:
         return None
 
 
-class Ldpc:
+class Ldpc(Code):
     """The 5G code for data channels, decoded by belief propagation on soft values; by Sionna.
 
     Source: 3GPP TS 38.212, section 5.3.2.
@@ -112,7 +102,8 @@ class Ldpc:
     """
 
     def __init__(self, word_bits: int, info_bytes: int) -> None:
-        fec, self.info_bytes = sionna(), info_bytes
+        super().__init__(info_bytes)
+        fec = sionna()
         try:
             self.encoder: Any = fec.LDPC5GEncoder(
                 8 * info_bytes, word_bits, device="cpu"
@@ -125,9 +116,9 @@ class Ldpc:
             self.encoder, num_iter=ITERATIONS, hard_out=True, device="cpu"
         )
 
-    def encode(self, info: Bytes) -> Bytes:
+    def encode(self, infos: Sequence[bytes]) -> Bytes:
         """Encode bits."""
-        words = self.encoder(torch.from_numpy(np.unpackbits(info, axis=1)).float())
+        words = self.encoder(torch.from_numpy(super().encode(infos)).float())
         bits: Bytes = words.numpy().astype(np.uint8)
         return bits
 
@@ -136,11 +127,6 @@ class Ldpc:
         with torch.inference_mode():
             bits = self.decoder(torch.from_numpy(llr)).numpy().astype(np.uint8)
         return [word.tobytes() for word in np.packbits(bits, axis=1)]
-
-
-def encoded(code: Code, infos: Iterable[bytes]) -> Bytes:
-    """Give the words of bits (N,n) of packets."""
-    return code.encode(np.stack([np.frombuffer(info, np.uint8) for info in infos]))
 
 
 def sionna() -> Any:
@@ -158,15 +144,15 @@ def sionna() -> Any:
         ) from None
 
 
-def code_of(layout: Layout) -> Code:
-    """Build the code that a plan names, for its words.
+def code_of(options: Signalling, word_bits: int) -> Code:
+    """Build the code that a plan names, for words of so many bits.
 
     Raises:
         VoccError: a library that is not installed, or a rate that leaves no room for information.
     """
-    options, word_bytes = layout.plan.signalling, layout.word_bits // 8
+    word_bytes = word_bits // 8
     if options.code == "none":
-        return Uncoded(word_bytes)
+        return Code(word_bytes)
     info_bytes = int(word_bytes * options.code_rate)
     if not 0 < info_bytes < word_bytes:
         raise VoccError.of(
@@ -174,4 +160,4 @@ def code_of(layout: Layout) -> Code:
         )
     if options.code == "rs":
         return ReedSolomon(word_bytes, info_bytes)
-    return Ldpc(layout.word_bits, info_bytes)
+    return Ldpc(word_bits, info_bytes)

@@ -1,5 +1,6 @@
 """From soft values of camera frames to blocks of symbols: the frames of a symbol add up."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -72,11 +73,12 @@ class Block:
         agreement = (known * sums)[(known != 0) & (sums != 0) & ~still]
         if not len(agreement):
             return 1.0
-
-        def unlikely(scale: float) -> float:
-            return float(np.logaddexp(0.0, -scale * agreement.astype(np.float64)).sum())
-
-        found = minimize_scalar(unlikely, bounds=WORTH_RANGE, method="bounded")
+        ratios = agreement.astype(np.float64)
+        found = minimize_scalar(
+            lambda scale: np.logaddexp(0.0, -scale * ratios).sum(),
+            bounds=WORTH_RANGE,
+            method="bounded",
+        )
         return float(found.x)
 
 
@@ -85,10 +87,6 @@ class Combiner:
 
     Args:
         layout: where the known cells are, and what they show.
-
-    Attributes:
-        used: bands of frames that counted in full.
-        passed_over: the others.
 
     Example:
         >>> from vocc_torch.extras.messages.signalling import MessagePlan, PanelShape, Signalling
@@ -101,8 +99,6 @@ class Combiner:
 
     def __init__(self, layout: Layout) -> None:
         self.layout, self.clock = layout, SymbolClock(layout)
-        self.used = self.passed_over = 0
-        self._waiting: list[tuple[Singles, float | None]] = []
         self._open: dict[int, Block] = {}
 
     def push(self, llr: Singles, times_s: Sequence[float | None]) -> Iterator[Block]:
@@ -112,64 +108,42 @@ class Combiner:
             llr: (F,R,C) log-likelihood ratios, log P(On) / P(Off); zeros for a frame that shows no panel.
             times_s: when each was taken, s, or None.
         """
-        # A copy: a batch's array would be kept for a frame of it.
-        self._waiting += zip(np.array(llr, dtype=np.float32), times_s, strict=True)
-        yield from self._combined(self.clock.push(llr, times_s))
+        if (ticks := self.clock.push(llr, times_s)) is not None:
+            yield from self._over(self._combined(ticks))
 
     def finish(self) -> Iterator[Block]:
         """Give what is left."""
-        yield from self._combined(self.clock.finish())
-        yield from self._over()
+        if (ticks := self.clock.finish()) is not None:
+            self._combined(ticks)
+        yield from self._over(math.inf)
 
-    def _combined(self, ticks: Ticks | None) -> Iterator[Block]:
-        """Add settled frames to their symbols."""
-        if ticks is None:
-            return
-        count = len(ticks.symbol)
-        symbols = self.layout.symbols
-        bands = self.layout.bands
-        taken, self._waiting = self._waiting[:count], self._waiting[count:]
-        llr = np.stack([values for values, _ in taken])
+    def _combined(self, ticks: Ticks) -> int:
+        """Add settled frames to their symbols, and give the block of the last one."""
+        layout, rows = self.layout, self.layout.band_of_row
         weights = judged(ticks.agreement)
-        self.used += int((weights == 1).sum())
-        self.passed_over += int((weights < 1).sum())
-        blocks = ticks.symbol // symbols
+        blocks, symbols = np.divmod(ticks.symbol, layout.symbols)
         for number in np.unique(blocks).tolist():
+            here = blocks == number
             if number not in self._open:
-                begun = taken[int((blocks == number).any(axis=1).argmax())][1]
-                sums = np.zeros((symbols, *self.layout.kind.shape), dtype=np.float32)
-                self._open[number] = Block(
-                    number, begun, sums, np.zeros((symbols, bands), dtype=np.int32)
-                )
-            block = self._open[number]
-            for band in range(bands):
-                rows = self.layout.band_of_row == band
-                frames = np.flatnonzero(
-                    (blocks[:, band] == number) & (weights[:, band] > 0)
-                )
-                index = ticks.symbol[frames, band] % symbols
-                np.add.at(block.counts[:, band], index, 1)
-                part = np.zeros(
-                    (symbols, int(rows.sum()), llr.shape[2]), dtype=np.float32
-                )
-                np.add.at(
-                    part,
-                    index,
-                    llr[np.ix_(frames, rows)] * weights[frames, band, None, None],
-                )
-                block.sums[:, rows] += part
-        yield from self._over(int(blocks[-1].min()))
+                begun = ticks.times_s[int(here.any(axis=1).argmax())]
+                sums = np.zeros((layout.symbols, *layout.kind.shape), dtype=np.float32)
+                counts = np.zeros((layout.symbols, layout.bands), dtype=np.int32)
+                self._open[number] = Block(number, begun, sums, counts)
+            block, weight = self._open[number], np.where(here, weights, 0)
+            np.add.at(block.counts, (symbols, np.arange(layout.bands)), weight > 0)
+            part, places = np.zeros_like(block.sums), np.arange(len(rows))
+            weighted = ticks.llr * weight[:, rows, None]
+            np.add.at(part, (symbols[:, rows], places), weighted)
+            block.sums[:] += part
+        return int(blocks[-1].min())
 
-    def _over(self, before: int | None = None) -> Iterator[Block]:
-        """Give the blocks before one, or all; those of hardly any frame are none."""
-        for number in sorted(
-            number_open
-            for number_open in self._open
-            if before is None or number_open < before
-        ):
-            block = self._open.pop(number)
-            if (block.counts == 0).mean() <= HARDLY:
-                yield block
+    def _over(self, before: float) -> Iterator[Block]:
+        """Give the blocks before one; those of hardly any frame are none."""
+        for number in sorted(self._open):
+            if number < before:
+                block = self._open.pop(number)
+                if (block.counts == 0).mean() <= HARDLY:
+                    yield block
 
 
 def judged(agreement: Singles) -> Singles:

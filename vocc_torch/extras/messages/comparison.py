@@ -1,6 +1,6 @@
 """Recordings of many points, each read by every receiver, and what arrives of every code in it."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
@@ -11,14 +11,13 @@ import torch
 
 from vocc_torch.arrays import Bools
 from vocc_torch.errors import VoccError
-from vocc_torch.extras.messages.codes import code_of, encoded
 from vocc_torch.extras.messages.combine import Block, Combiner
 from vocc_torch.extras.messages.config import AXES, MessagesConfig
 from vocc_torch.extras.messages.front import Front
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import packed, payload_bytes
 from vocc_torch.extras.messages.reception import decoded
-from vocc_torch.extras.messages.record_task import shutter_of
+from vocc_torch.extras.messages.record_task import Take
 from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
@@ -29,7 +28,7 @@ from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel
-from vocc_torch.simulation.recording import NoFrameLeftError, Recorded, record
+from vocc_torch.simulation.recording import NoFrameLeftError
 from vocc_torch.simulation.scene import narrowed
 
 
@@ -38,14 +37,6 @@ class Variant(NamedTuple):
 
     receiver: str
     code: str
-
-
-class Packets(NamedTuple):
-    """How many packets of a recording were sent, were lost, and have a right checksum though nobody sent them."""
-
-    sent: int
-    lost: int
-    false: int
 
 
 class SweepPoint(NamedTuple):
@@ -92,20 +83,57 @@ class RecordingJob:
 
 
 @dataclass(frozen=True)
-class RecordingResult:
-    """What came of one recording.
+class Carried:
+    """What one variant carried at one point, in one recording or in several.
 
     Args:
-        seconds: the recording's length.
+        place: the point.
+        variant: what carried it.
+        lost: packets lost, of those sent, by recording: the counts' frames are recordings, its bits packets.
+        raw: wrong bits of single frames, likewise by recording.
+        kbit_s: of packets sent.
         frames: of the camera.
-        wrong: wrong bits in single frames by receiver, and how many bits there were.
-        packets: what became of them, by what carried them.
+        false: packets whose checksum is right and which nobody sent.
     """
 
-    seconds: float
+    place: SweepPoint
+    variant: Variant
+    lost: Counts
+    raw: Counts
+    kbit_s: float
     frames: int
-    wrong: dict[str, tuple[int, int]]
-    packets: dict[Variant, Packets]
+    false: int
+
+    def __add__(self, other: "Carried") -> "Carried":
+        """Add another recording."""
+        names = "lost", "raw", "frames", "false"
+        sums = {name: getattr(self, name) + getattr(other, name) for name in names}
+        return replace(self, **sums)
+
+    @property
+    def loss(self) -> Estimate:
+        """Share of the packets that were lost, with its 95 % interval; a recording's packets err together."""
+        return ber_interval(self.lost)
+
+    @property
+    def goodput(self) -> Estimate:
+        """What arrives, kbit/s."""
+        loss, full = self.loss, self.kbit_s
+        return Estimate(
+            full * (1 - loss.value), full * (1 - loss.high), full * (1 - loss.low)
+        )
+
+
+def counted(errors: int, of: int) -> Counts:
+    """Count the errors of one recording; where there was nothing that could err, nothing is known.
+
+    Example:
+        >>> (counted(0, 4) + counted(3, 4) + counted(0, 0)).ber
+        0.375
+    """
+    if not of:
+        return Counts()
+    return Counts(1, of, 2 * errors, 4 * errors * errors, int(errors > 0))
 
 
 def variants_of(plan: Plan, config: MessagesConfig) -> list[Variant]:
@@ -151,170 +179,72 @@ def receivers_of(plan: Plan, training: Training) -> dict[str, Receiver]:
     return receivers
 
 
-def recorded(job: RecordingJob) -> RecordingResult:
+def recorded(job: RecordingJob) -> list[Carried]:
     """Take a recording, read it with every receiver and decode it as every code.
 
     One random block is shown over and over. For each code the scrambling is the one by which that block holds
     its packets, so all of them are compared on the same frames.
     """
-    config, shape = job.config, job.plan.world.panel.shape
-    rate_hz = config.signalling.symbol_rate_hz
-    key = BlockKey(
-        job.plan.seed, f"messages/{job.place.axis}={job.place.value:g}", job.number
-    )
+    config, plan, place = job.config, job.plan, job.place
+    shape, rate_hz = plan.world.panel.shape, config.signalling.symbol_rate_hz
+    key = BlockKey(plan.seed, f"messages/{place.axis}={place.value:g}", job.number)
     base = Layout(MessagePlan(shape, config.options("none")))
-    random = key.generator("bits").integers(
-        2, size=(base.packets, base.word_bits), dtype=np.uint8
+    shown = base.write(
+        key.generator("bits").integers(
+            2, size=(base.packets, base.word_bits), dtype=np.uint8
+        )
     )
-    shown = base.write(random)
     film = np.tile(shown, (config.blocks, 1, 1))
     fronts = {name: Front(receiver) for name, receiver in job.receivers.items()}
     leader = next(iter(fronts.values()))
     combiners = {name: Combiner(base) for name in fronts}
     blocks: dict[str, list[Block]] = {name: [] for name in fronts}
     wrong, taken = dict.fromkeys(fronts, 0), 0
-    for part in filmed(job, film, key):
-        count = len(part.symbols)
-        stamps = [(taken + i) / (job.ratio * rate_hz) for i in range(count)]
-        taken += count
-        truth = film[
-            np.clip([number or 0 for number in part.symbols], 0, len(film) - 1)
-        ]
-        with torch.inference_mode():
-            frames, corners = leader.locate([*part.frames.grey[:, 0].cpu().numpy()])
-            for name, front in fronts.items():
-                reading = front.read(frames, corners)
-                wrong[name] += int(
-                    ((front.values(*reading, "hard") >= 0) != truth).sum()
-                )
-                values = front.values(*reading, "scores")
-                blocks[name] += combiners[name].push(values, stamps)
+    scene, fps = job.model.draw(key, shape)[0][:1], job.ratio * rate_hz
+    take = Take(plan, config.record, scene, film, fps, rate_hz, key)
+    with suppress(NoFrameLeftError):  # all its packets are lost
+        for part in take.parts(config.record.margin):
+            stamps = [(taken + i) / fps for i in range(len(part.symbols))]
+            taken += len(stamps)
+            symbols = [number or 0 for number in part.symbols]
+            truth = film[np.clip(symbols, 0, len(film) - 1)]
+            with torch.inference_mode():
+                frames, corners = leader.locate([*part.frames.grey[:, 0].cpu().numpy()])
+                for name, front in fronts.items():
+                    reading = front.read(frames, corners)
+                    bits = front.values(*reading, "hard") >= 0
+                    wrong[name] += int((bits != truth).sum())
+                    values = front.values(*reading, "scores")
+                    blocks[name] += combiners[name].push(values, stamps)
     for name, combiner in combiners.items():
         blocks[name] += combiner.finish()
-    packets = {
-        variant: decode(variant, blocks[variant.receiver], job, shown, key)
-        for variant in variants_of(job.plan, config)
-    }
-    rates = {name: (errors, taken * shape.leds) for name, errors in wrong.items()}
-    return RecordingResult(len(film) / rate_hz, taken, rates, packets)
-
-
-def filmed(job: RecordingJob, film: Bools, key: BlockKey) -> Iterator[Recorded]:
-    """Let the camera of a job take a film."""
-    config, camera_config = job.config, job.config.record
-    symbol_s = (1 + camera_config.drift) / config.signalling.symbol_rate_hz
-    fps = job.ratio * config.signalling.symbol_rate_hz
-    shutter = shutter_of(camera_config, fps, symbol_s, key)
-    scene = job.model.draw(key, job.plan.world.panel.shape)[0][:1]
-    with suppress(NoFrameLeftError):  # all its packets are lost
-        yield from record(
-            job.plan.world.simulator(),
-            scene,
-            torch.from_numpy(film),
-            symbol_s,
-            shutter,
-            key,
-            speed_m_s=camera_config.speed_m_s,
-            window=camera_config.margin,
-            batch=job.plan.batch_frames,
-        )
-
-
-def decode(
-    variant: Variant,
-    blocks: Sequence[Block],
-    job: RecordingJob,
-    shown: Bools,
-    key: BlockKey,
-) -> Packets:
-    """Count which packets of a code arrive where every block shows ``shown``."""
-    options = job.config.options(variant.code)
-    layout = Layout(MessagePlan(job.plan.world.panel.shape, options))
-    code = code_of(layout)
-    text = key.generator("text").bytes(layout.packets * payload_bytes(code.info_bytes))
-    words = encoded(code, packed(text, code.info_bytes))
-    layout = layout.rescrambled(words, shown)
-    arrived, false = set(), 0
-    for block in blocks:
-        for received in decoded(block, layout, code):
-            if (packet := received.packet) is None:
-                continue
-            size = len(packet.payload)
-            if packet.payload == text[packet.sequence * size :][:size]:
-                arrived.add((block.number, received.place))
-            else:
-                false += 1
-    sent = job.config.blocks * layout.packets
-    return Packets(sent, max(0, sent - len(arrived)), false)
-
-
-@dataclass(frozen=True)
-class Carried:
-    """What one variant carried at one point.
-
-    Args:
-        place: the point.
-        variant: what carried it.
-        lost: packets lost, of those sent, by recording: the counts' frames are recordings, its bits packets.
-        raw: wrong bits of single frames, likewise by recording.
-        kbit_s: of packets sent.
-        frames: of the camera.
-        false: packets whose checksum is right and which nobody sent.
-    """
-
-    place: SweepPoint
-    variant: Variant
-    lost: Counts
-    raw: Counts
-    kbit_s: float
-    frames: int
-    false: int
-
-    @property
-    def loss(self) -> Estimate:
-        """Share of the packets that were lost, with its 95 % interval; a recording's packets err together."""
-        return ber_interval(self.lost)
-
-    @property
-    def goodput(self) -> Estimate:
-        """What arrives, kbit/s."""
-        loss, full = self.loss, self.kbit_s
-        return Estimate(
-            full * (1 - loss.value), full * (1 - loss.high), full * (1 - loss.low)
-        )
-
-
-def counted(recordings: Iterable[tuple[int, int]]) -> Counts:
-    """Count errors by recording, each with how many there were of how many.
-
-    Example:
-        >>> counted([(0, 4), (3, 4)]).ber
-        0.375
-    """
-    counts = (Counts(1, of, 2 * n, 4 * n * n, int(n > 0)) for n, of in recordings)
-    return sum(counts, Counts())
-
-
-def carried(
-    plan: Plan,
-    config: MessagesConfig,
-    place: SweepPoint,
-    results: Sequence[RecordingResult],
-) -> Iterator[Carried]:
-    """Put the recordings of a point together."""
-    for variant, (sent, _, _) in results[0].packets.items():
+    results = []
+    for variant in variants_of(plan, config):
         options = config.options(variant.code)
-        code = code_of(Layout(MessagePlan(plan.world.panel.shape, options)))
-        kbit_s = 8e-3 * payload_bytes(code.info_bytes) * sent / results[0].seconds
-        packets = [result.packets[variant] for result in results]
-        wrong = [result.wrong[variant.receiver] for result in results]
-        yield Carried(
-            place,
-            variant,
-            counted((lost, sent) for _, lost, _ in packets),
-            # Of a recording that lost all its frames nothing is known.
-            counted(pair for pair in wrong if pair[1]),
-            kbit_s,
-            sum(result.frames for result in results),
-            sum(false for _, _, false in packets),
-        )
+        layout = Layout(MessagePlan(shape, options))
+        sent, info_bytes = config.blocks * layout.packets, layout.code.info_bytes
+        arrived, false = packets_of(blocks[variant.receiver], layout, shown, key)
+        lost = counted(max(0, sent - arrived), sent)
+        raw = counted(wrong[variant.receiver], taken * shape.leds)
+        kbit_s = 8e-3 * payload_bytes(info_bytes) * sent / (len(film) / rate_hz)
+        results.append(Carried(place, variant, lost, raw, kbit_s, taken, false))
+    return results
+
+
+def packets_of(
+    blocks: Sequence[Block], layout: Layout, shown: Bools, key: BlockKey
+) -> tuple[int, int]:
+    """Count the packets that arrive where every block shows ``shown``, and those that nobody sent."""
+    info_bytes = layout.code.info_bytes
+    text = key.generator("text").bytes(layout.packets * payload_bytes(info_bytes))
+    words = layout.code.encode([*packed(text, info_bytes)])
+    layout, arrived, false = layout.rescrambled(words, shown), set(), 0
+    for block in blocks:
+        for received in decoded(block, layout):
+            if (packet := received.packet) is not None:
+                size = len(packet.payload)
+                if packet.payload == text[packet.sequence * size :][:size]:
+                    arrived.add((block.number, received.place))
+                else:
+                    false += 1
+    return len(arrived), false

@@ -1,15 +1,15 @@
 """``task=messages``: how far messages carry, by receiver and code; a table and a picture."""
 
 from collections.abc import Iterator, Sequence
+from functools import reduce
 from itertools import groupby
+from operator import add
 from pathlib import Path
 
 from vocc_torch.errors import section
-from vocc_torch.extras.messages.codes import code_of
 from vocc_torch.extras.messages.comparison import (
     Carried,
     SweepPoint,
-    carried,
     jobs_of,
     receivers_of,
     recorded,
@@ -17,6 +17,7 @@ from vocc_torch.extras.messages.comparison import (
 )
 from vocc_torch.extras.messages.config import MessagesConfig, RecordConfig
 from vocc_torch.extras.messages.layout import Layout
+from vocc_torch.extras.messages.packets import payload_bytes
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.measure import executors, timing
 from vocc_torch.measure.build import build_plan
@@ -73,7 +74,8 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
             section("messages.codes", "transmit.code"),
             section(rate, before="transmit.code_rate"),
         ):
-            code_of(Layout(MessagePlan(plan.world.panel.shape, config.options(code))))
+            layout = Layout(MessagePlan(plan.world.panel.shape, config.options(code)))
+            payload_bytes(layout.code.info_bytes)
     training = terminal.train_shown(plan, console)
     receivers = receivers_of(build_plan(settings, folder), training)
     jobs = jobs_of(plan, config, receivers)
@@ -85,11 +87,11 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
         calls = ((job.place, pool.submit(recorded, job)) for job in jobs)
         ahead = iter(calls) if pool.count == 1 else iter([*calls])
         for place, same in groupby(ahead, key=lambda call: call[0]):
-            outcomes = []
+            recordings = []
             for _, call in same:
-                outcomes.append(call.result())
+                recordings.append(call.result())
                 view.advance(f"{place.axis} {value_text(place.value)}", 1)
-            results += carried(plan, config, place, outcomes)
+            results += [reduce(add, of) for of in zip(*recordings, strict=True)]
     run_folder.write_rows(folder / "messages.csv", [COLUMNS, *rows(results)])
     run_folder.write_config(settings, folder)
     plots.save_figure(figure_of(results), folder / "messages.png")

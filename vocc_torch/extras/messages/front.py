@@ -11,6 +11,7 @@ from torch import Tensor
 from vocc_torch.arrays import Bytes, Singles
 from vocc_torch.receiver.calibration import APPEARANCE
 from vocc_torch.receiver.receiver import Decoded, Receiver
+from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.recordings.frames import Grey
 from vocc_torch.types import Frames, Panels
@@ -84,13 +85,8 @@ class Front:
         """Pitch of the LEDs in the last located panel, along the shorter side of a cell."""
         if self.corners_px is None:
             return None
-        width, height = (
-            (self.corners_px[end] - self.corners_px[0]).norm() for end in (1, 3)
-        )
-        return min(
-            float(width) / self.receiver.shape.columns,
-            float(height) / self.receiver.shape.rows,
-        )
+        sizes = cell_size_px(self.corners_px[None], self.receiver.shape)
+        return float(torch.cat(sizes).amin())
 
     def read(self, frames: Frames, corners: Tensor) -> tuple[Decoded, Tensor]:
         """Read frames at corners (B,4,2), and say which of them show a panel, (B,)."""
@@ -121,10 +117,9 @@ class Front:
         """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
         corners = torch.stack([self._place(np.asarray(grey)) for grey in greys])
         if self.auto and not self.follows and self._moves():
-            self.follows = True
+            self.follows, self.frames = True, self.frames - len(greys)
             self.tracker = Tracker(self.receiver.locator, self.receiver.shape)
-            corners = torch.stack([self._place(np.asarray(grey)) for grey in greys])
-            self.frames -= len(greys)
+            return self.locate(greys)
         return self._cropped(greys, corners), corners.to(self.receiver.device)
 
     def _place(self, grey: Bytes) -> Tensor:
@@ -154,17 +149,14 @@ class Front:
             known = torch.zeros(1, 2, dtype=torch.float64)
         low, high = known.amin(dim=0), known.amax(dim=0)
         room = SETTINGS.around * (high - low).max() + SETTINGS.least_around_px
-        left, top = (low - room).floor().int().clamp(min=0).tolist()
-        right, bottom = (high + room).ceil().int().tolist()
-        left, top = min(left, width - 1), min(top, height - 1)
-        right = min(max(right, left + 1), width)
-        bottom = min(max(bottom, top + 1), height)
-        grey = torch.from_numpy(
-            np.stack([grey[top:bottom, left:right] for grey in greys])
-        )
-        origin = torch.tensor([[left, top]]).expand(len(greys), 2)
-        device = self.receiver.device
-        return Frames(grey[:, None].to(device), origin.to(device), (height, width))
+        size = torch.tensor([width, height])
+        begin = (low - room).floor().int().clamp(min=0).minimum(size - 1)
+        end = (high + room).ceil().int().maximum(begin + 1).minimum(size)
+        (left, top), (right, bottom) = begin.tolist(), end.tolist()
+        planes = np.stack([grey[top:bottom, left:right] for grey in greys])
+        origin = begin.expand(len(greys), 2)
+        crops = Frames(torch.from_numpy(planes)[:, None], origin, (height, width))
+        return crops.to(self.receiver.device)
 
     def _moves(self) -> bool:
         """Say whether the last looks saw the panel move."""

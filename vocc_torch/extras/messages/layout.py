@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import max_len_seq
 
-from vocc_torch.arrays import Bools, Bytes, Integers, Singles
+from vocc_torch.arrays import Bools, Bytes, Integers, Numbers, Singles
 from vocc_torch.errors import VoccError
+from vocc_torch.extras.messages.codes import LONGEST_WORD, Code, code_of
 from vocc_torch.extras.messages.signalling import ORDERS, MessagePlan
-
-LONGEST_WORD = 255
-"""Most bytes of a Reed-Solomon word."""
 
 
 def stream(name: str, count: int) -> Bytes:
@@ -74,7 +72,6 @@ class Layout:
         options = plan.signalling
         rows, columns = plan.shape.sides
         self.plan, self.symbols, self.bands = plan, options.block_symbols, options.bands
-        self._scrambles = options.scramble
         if self.bands > rows:
             raise VoccError.of(
                 "transmit.bands", self.bands, f"at most the panel's rows, {rows}"
@@ -109,6 +106,15 @@ class Layout:
             name: float((kind == name).mean())
             for name in ("anchor", "clock", "sync", "data")
         }
+
+    @cached_property
+    def code(self) -> Code:
+        """The code of the words.
+
+        Raises:
+            VoccError: as :func:`~vocc_torch.extras.messages.codes.code_of`.
+        """
+        return code_of(self.plan.signalling, self.word_bits)
 
     @cached_property
     def known(self) -> NDArray[np.int8]:
@@ -148,12 +154,15 @@ class Layout:
         count = self.symbols * len(self.data)
         return np.unpackbits(stream("scramble", -(-count // 8)))[:count]
 
+    @cached_property
+    def _mask(self) -> Bytes:
+        """The bits by which words are scrambled, (packets, word_bits)."""
+        return self._stream[self.places] * self.plan.signalling.scramble
+
     def write(self, words: Bytes) -> Bools:
         """Write a block's code words (packets, word_bits) on its symbols, (P,R,C); other cells are random."""
         carried = self._stream.copy()
-        carried[self.places] = (
-            words ^ self._stream[self.places] if self._scrambles else words
-        )
+        carried[self.places] = words ^ self._mask
         film: Bools = self.known.reshape(self.symbols, -1) > 0
         film[:, self.data] = carried.reshape(self.symbols, -1)
         return film.reshape(self.known.shape)
@@ -164,18 +173,14 @@ class Layout:
         So any random film is the film of any code, and codes are compared on the same recordings.
         """
         twin = copy(self)
-        carried = shown.reshape(self.symbols, -1)[:, self.data].ravel().astype(np.uint8)
-        carried[self.places] ^= words
-        twin._stream = carried
+        twin._mask = words ^ self.take(shown)
         return twin
 
     def read(self, cells: Singles) -> Singles:
         """Take the words' bits, as :meth:`write` wrote them, from soft values of a block's cells, (P,R,C)."""
         found = self.take(cells)
-        if self._scrambles:
-            found = np.where(self._stream[self.places] == 1, -found, found)
-        return found
+        return np.where(self._mask == 1, -found, found)
 
-    def take(self, cells: Singles) -> Singles:
+    def take(self, cells: Numbers) -> Numbers:
         """Take what belongs to the words' bits (packets, word_bits) from a block's cells, (P,R,C)."""
         return cells.reshape(self.symbols, -1)[:, self.data].reshape(-1)[self.places]

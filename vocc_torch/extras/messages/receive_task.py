@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from itertools import chain, groupby, islice
+from itertools import count
 from pathlib import Path
 
 from vocc_torch.errors import VoccError
@@ -17,12 +17,17 @@ from vocc_torch.files import write_atomically
 from vocc_torch.measure import timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.train import receiver_for, settings_used
-from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.measure.train import receiver_for
 from vocc_torch.recordings.frames import RecordedFrame
-from vocc_torch.recordings.reading import expected_frames, read_recording, readable
+from vocc_torch.recordings.reading import (
+    batches,
+    expected_frames,
+    read_recording,
+    readable,
+)
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console, ProgressView
+from vocc_torch.studies.decode.run import write_receiver
 
 BATCH_FRAMES = 64
 """Frames read at a time."""
@@ -48,7 +53,6 @@ MISSING_COLUMNS = (
 
 
 def receive(
-    receiver: Receiver,
     reception: Reception,
     front: Front,
     recording: Iterable[RecordedFrame],
@@ -57,32 +61,22 @@ def receive(
     """Receive a recording packet by packet, in constant memory.
 
     Args:
-        receiver: reads the bits.
         reception: finds the packets.
         front: follows the panel.
         recording: the frames.
         fps: frames a second, or None for the recording's own times.
     """
-    number, parts = 0, batches(recording)
+    number, parts = count(), batches(recording, BATCH_FRAMES, BATCH_PIXELS)
     # The next frames are decoded while these are read.
     with ThreadPoolExecutor(1) as beside:
         coming = beside.submit(next, parts, None)
         while batch := coming.result():
             coming = beside.submit(next, parts, None)
-            times = [frame.time_s for frame in batch]
-            if fps is not None:
-                times = [(number + i) / fps for i in range(len(batch))]
-            number += len(batch)
+            times = [
+                frame.time_s if fps is None else next(number) / fps for frame in batch
+            ]
             yield from reception.push(front([frame.grey for frame in batch]), times)
     yield from reception.finish()
-
-
-def batches(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]:
-    """Batch frames of one size that are read together."""
-    for (height, width), run in groupby(recording, key=lambda frame: frame.grey.shape):
-        size = max(1, min(BATCH_FRAMES, BATCH_PIXELS // (height * width)))
-        while batch := list(islice(run, size)):
-            yield batch
 
 
 def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None:
@@ -99,13 +93,11 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     beside = (source if source.is_dir() else source.parent) / PLAN
     plan = MessagePlan.read(beside if config.plan is None else Path(config.plan))
     reception = Reception(plan)
-    assembly = Assembly(payload_bytes(reception.code.info_bytes))
+    assembly = Assembly(payload_bytes(reception.layout.code.info_bytes))
     failures: list[str] = []
     recording = readable(
         read_recording(source, config.channel, grey_only=True), failures
     )
-    if not (first := list(islice(recording, 1))):
-        raise VoccError(failures[0])
     model = None if settings.model is None else Path(settings.model)
     study = build_plan(with_panel_of(settings, plan), folder)
     # The panel is followed, so its corners are surer than those of single frames.
@@ -124,15 +116,13 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     try:
         # The other cores decode: torch's threads would spin there.
         with timing.threads(1), ProgressView(expected_frames(source), console) as view:
-            frames = view.counted(chain(first, recording), "receiving")
-            take(receive(receiver, reception, front, frames, config.fps))
+            frames = view.counted(recording, "receiving")
+            take(receive(reception, front, frames, config.fps))
     except KeyboardInterrupt:  # what arrived until then is written
         failures.append(f"interrupted after {front.frames} frames")
         take(reception.finish())
     run_folder.write_rows(folder / "report.csv", rows)
-    run_folder.write_config(settings_used(settings, receiver), folder)
-    if model is None:
-        receiver.save(folder / "receiver.pt")
+    write_receiver(settings, receiver, folder)
     sent = reception.packets_sent
     summary = (
         f"{len(arrived)} of {sent} packets arrived in {front.frames} frames; "

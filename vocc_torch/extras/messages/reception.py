@@ -7,7 +7,6 @@ import numpy as np
 from scipy.special import expit
 
 from vocc_torch.arrays import Bools, Singles
-from vocc_torch.extras.messages.codes import Code, code_of, encoded
 from vocc_torch.extras.messages.combine import Block, Combiner
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Packet, packed, unpacked
@@ -89,10 +88,9 @@ def film_of(message: bytes, plan: MessagePlan) -> Bools:
         (128, 8, 8)
     """
     layout = Layout(plan)
-    code = code_of(layout)
-    infos = list(packed(message, code.info_bytes))
+    infos = list(packed(message, layout.code.info_bytes))
     infos += [infos[n % len(infos)] for n in range(-len(infos) % layout.packets)]
-    blocks = encoded(code, infos).reshape(-1, layout.packets, layout.word_bits)
+    blocks = layout.code.encode(infos).reshape(-1, layout.packets, layout.word_bits)
     return np.concatenate([layout.write(block) for block in blocks])
 
 
@@ -113,27 +111,24 @@ class Reception:
     """
 
     def __init__(self, plan: MessagePlan) -> None:
-        self.plan, self.layout = plan, Layout(plan)
-        self.code: Code = code_of(self.layout)
+        self.layout = Layout(plan)
         self.combiner = Combiner(self.layout)
         self._blocks: set[int] = set()
-        self._first_s: float | None = None
-        self._last_s: float | None = None
+        self._times_s: list[float] = []
 
     @property
     def packets_sent(self) -> int:
         """Packets that the duration of the recording allows; without time stamps those of the received blocks."""
-        if self._first_s is None or self._last_s is None:
+        if not self._times_s:
             return len(self._blocks) * self.layout.packets
-        symbols = (self._last_s - self._first_s) * self.plan.signalling.symbol_rate_hz
+        seconds = self._times_s[-1] - self._times_s[0]
+        symbols = seconds * self.layout.plan.signalling.symbol_rate_hz
         return max(1, round(symbols / self.layout.symbols)) * self.layout.packets
 
     def push(self, llr: Singles, times_s: Sequence[float | None]) -> Iterator[Received]:
         """Take frames in and give the packets of blocks that are over, as :meth:`Combiner.push` does."""
-        known = [time_s for time_s in times_s if time_s is not None]
-        if known:
-            self._first_s = known[0] if self._first_s is None else self._first_s
-            self._last_s = known[-1]
+        self._times_s += [time_s for time_s in times_s if time_s is not None]
+        del self._times_s[1:-1]
         yield from self._decoded(self.combiner.push(llr, times_s))
 
     def finish(self) -> Iterator[Received]:
@@ -144,16 +139,15 @@ class Reception:
         """Decode blocks and count them."""
         for block in blocks:
             self._blocks.add(block.number)
-            yield from decoded(block, self.layout, self.code)
+            yield from decoded(block, self.layout)
 
 
-def decoded(block: Block, layout: Layout, code: Code) -> Iterator[Received]:
+def decoded(block: Block, layout: Layout) -> Iterator[Received]:
     """Decode the packets of a block.
 
     Args:
         block: what its frames show.
-        layout: where its packets are.
-        code: of its words.
+        layout: where its packets are, and their code.
     """
     words = layout.read(block.ratios(layout))
     counts = block.counts[:, layout.band_of_row, None].repeat(
@@ -161,15 +155,14 @@ def decoded(block: Block, layout: Layout, code: Code) -> Iterator[Received]:
     )
     frames = layout.take(counts.astype(np.float32))
     for place, (info, word, frames_of_word) in enumerate(
-        zip(code.decode(words), words, frames, strict=True)
+        zip(layout.code.decode(words), words, frames, strict=True)
     ):
         packet = None if info is None else unpacked(info)
         unseen = float((frames_of_word == 0).mean())
         expected = float(expit(-np.abs(word)).sum())
         corrected, why = None, ""
         if packet is not None and info is not None:
-            (sent,) = encoded(code, [info])
-            corrected = int(((word >= 0) != sent.astype(bool))[: len(sent)].sum())
+            corrected = int(((word >= 0) != layout.code.encode([info])[0]).sum())
         elif unseen > UNSEEN:
             why = f"no frame showed {unseen:.0%} of its bits clearly"
         else:

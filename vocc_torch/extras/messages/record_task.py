@@ -1,27 +1,29 @@
 """``task=record``: a panel's film in, the recording of a simulated camera out, with its truth."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from vocc_torch.arrays import Bytes, read_npy
+from vocc_torch.arrays import Bools, Bytes, read_npy
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.config import FRAMES, PLAN, RecordConfig
 from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import PanelSettings, Settings
+from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.schema import whole
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.effects.coding import Quantization
-from vocc_torch.simulation.recording import Shutter, further_films, record
+from vocc_torch.simulation.recording import Recorded, Shutter, further_films, record
+from vocc_torch.types import Scene
 
 CORNERS = [f"{axis}_{corner}" for corner in ("tl", "tr", "br", "bl") for axis in "xy"]
 COLUMNS = ("frame", "taken_s", "symbol", "distance_m", *CORNERS)
@@ -34,15 +36,55 @@ def with_panel_of(settings: Settings, plan: MessagePlan) -> Settings:
     return replace(settings, panel=whole(PanelSettings, settings.panel, **sides))
 
 
-def shutter_of(
-    config: RecordConfig, fps: float, symbol_s: float, key: BlockKey
-) -> Shutter:
-    """Give a recording's shutter; unless it is said, when it first opens is drawn within a symbol."""
-    start_s = config.start_s
-    if start_s is None:
-        start_s = float(key.generator("start").random()) * symbol_s
-    faults = config.dropped, config.repeated, config.black, config.burst_frames
-    return Shutter(fps, start_s, config.readout_s, *faults)
+@dataclass(frozen=True)
+class Take:
+    """A camera's recording of a film.
+
+    Args:
+        plan: its world, and the frames of a batch.
+        config: the camera.
+        scene: at the recording's begin.
+        film: (N,R,C) bool, the symbols.
+        fps: frames a second.
+        rate_hz: symbols a second by the panel's own clock.
+        key: names the draws.
+    """
+
+    plan: Plan
+    config: RecordConfig
+    scene: Scene
+    film: Bools
+    fps: float
+    rate_hz: float
+    key: BlockKey
+
+    @property
+    def symbol_s(self) -> float:
+        """How long each symbol shows."""
+        return (1 + self.config.drift) / self.rate_hz
+
+    @property
+    def shutter(self) -> Shutter:
+        """The camera's shutter; unless it is said, when it first opens is drawn within a symbol."""
+        config, start_s = self.config, self.config.start_s
+        if start_s is None:
+            start_s = float(self.key.generator("start").random()) * self.symbol_s
+        faults = config.dropped, config.repeated, config.black, config.burst_frames
+        return Shutter(self.fps, start_s, config.readout_s, *faults)
+
+    def parts(self, window: float | None) -> Iterator[Recorded]:
+        """Take it, as :func:`~vocc_torch.simulation.recording.record` does."""
+        return record(
+            self.plan.world.simulator(),
+            self.scene,
+            torch.from_numpy(self.film),
+            self.symbol_s,
+            self.shutter,
+            self.key,
+            speed_m_s=self.config.speed_m_s,
+            window=window,
+            batch=self.plan.batch_frames,
+        )
 
 
 def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
@@ -71,21 +113,10 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
             "scene.effects.quantization must be {bits: 8}: task=record writes greys of 8 bits"
         )
     key = BlockKey(study.seed, "recording", 0)
-    window = config.margin if settings.framing == "crop" else None
     scene = study.world.scene.draw(key, plan.shape)[0][:1]
-    symbol_s = (1 + config.drift) / plan.signalling.symbol_rate_hz
-    shutter = shutter_of(config, config.fps, symbol_s, key)
-    parts = record(
-        simulator,
-        scene,
-        torch.from_numpy(film),
-        symbol_s,
-        shutter,
-        key,
-        speed_m_s=config.speed_m_s,
-        window=window,
-        batch=study.batch_frames,
-    )
+    rate_hz = plan.signalling.symbol_rate_hz
+    take = Take(study, config, scene, film, config.fps, rate_hz, key)
+    parts = take.parts(config.margin if settings.framing == "crop" else None)
     rows: list[run_folder.Cells] = [COLUMNS]
 
     def pictures() -> Iterator[Bytes]:
@@ -109,7 +140,8 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
             file.write(grey.tobytes())
             yield from part.frames.pixels
 
-    count = len(shutter.taken_s(len(film) * symbol_s, key.generator("shutter")))
+    length_s = len(film) * take.symbol_s
+    count = len(take.shutter.taken_s(length_s, key.generator("shutter")))
     # To a file and not to a memory map, which a full disk would end with SIGBUS.
     with (
         atomic_file(folder / "recording.npy") as temporary,
@@ -128,7 +160,7 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
             np.save(file, sent.numpy())
     run_folder.write_config(settings, folder)
     console = Console()
-    ratio = config.fps * symbol_s
+    ratio = config.fps * take.symbol_s
     run_folder.say(
         console,
         f"{len(rows) - 1} frames, {ratio:.3g} a symbol, at {float(scene.distance_m[0]):.1f} m",

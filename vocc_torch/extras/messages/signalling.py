@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -84,11 +83,6 @@ class MessagePlan:
     Args:
         shape: rows and columns of the panel.
         signalling: the rest.
-
-    Example:
-        >>> plan = MessagePlan(PanelShape(8, 8), Signalling())
-        >>> MessagePlan.parsed(yaml.safe_load(plan.text)) == plan
-        True
     """
 
     shape: PanelShape
@@ -97,33 +91,23 @@ class MessagePlan:
     @property
     def text(self) -> str:
         """The plan as YAML."""
-        named = {name: getattr(self.signalling, name) for name in FIELDS}
-        return str(yaml.safe_dump({**asdict(self.shape), **named}, sort_keys=False))
-
-    @classmethod
-    def parsed(cls, content: Any, source: str = "plan") -> "MessagePlan":
-        """Read what :attr:`text` wrote.
-
-        Raises:
-            VoccError: keys that are missing or unknown, or values out of their range.
-        """
-        known = {"rows", "columns", *FIELDS}
-        if not isinstance(content, dict) or {*content} != known:
-            raise VoccError(
-                f"{source} is no plan of task=transmit: it must have {', '.join(sorted(known))}"
-            )
-        try:
-            remaining = dict(content)
-            shape = PanelShape(remaining.pop("rows"), remaining.pop("columns"))
-            return cls(shape, Signalling(**remaining))
-        except (VoccError, TypeError) as error:
-            raise VoccError(f"{source}: {error}") from None
+        about = asdict(self.shape) | asdict(self.signalling)
+        return str(yaml.safe_dump(about, sort_keys=False))
 
     @classmethod
     def read(cls, path: Path) -> "MessagePlan":
-        """Read the plan of a file.
+        """Read the plan of a file, as :attr:`text` wrote it.
 
         Raises:
-            VoccError: no such file, or no plan.
+            VoccError: no such file, keys that are missing or unknown, or values out of their range.
         """
-        return cls.parsed(read_yaml(path, "plan"), f"plan {path}")
+        content, known = read_yaml(path, "plan"), {"rows", "columns", *FIELDS}
+        if not isinstance(content, dict) or {*content} != known:
+            raise VoccError(
+                f"plan {path} is no plan of task=transmit: it must have {', '.join(sorted(known))}"
+            )
+        try:
+            shape = PanelShape(content.pop("rows"), content.pop("columns"))
+            return cls(shape, Signalling(**content))
+        except (VoccError, TypeError) as error:
+            raise VoccError(f"plan {path}: {error}") from None

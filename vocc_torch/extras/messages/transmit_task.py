@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
-from vocc_torch.extras.messages.codes import code_of
 from vocc_torch.extras.messages.config import FRAMES, PLAN, TransmitConfig
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import OVERHEAD_BYTES, payload_bytes
 from vocc_torch.extras.messages.reception import film_of
-from vocc_torch.extras.messages.signalling import FIELDS, MessagePlan, Signalling
+from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.files import atomic_file, read_file, write_atomically
 from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.config import Settings
+from vocc_torch.measure.schema import whole
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.report.video import write_video
@@ -21,15 +21,13 @@ LARGEST_BYTES = 1 << 24
 """Of a message: its film of ten hours is held in memory."""
 
 LIT = 255
-DARK = 0
+"""Grey value of an On LED."""
 
 
 def plan_of(settings: Settings, config: TransmitConfig) -> MessagePlan:
     """Give the plan that a configuration describes."""
     shape = PanelShape(settings.panel.rows, settings.panel.columns)  # type: ignore[attr-defined]  # of the schema
-    return MessagePlan(
-        shape, Signalling(**{name: getattr(config, name) for name in FIELDS})
-    )
+    return MessagePlan(shape, whole(Signalling, config))
 
 
 def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> None:
@@ -45,11 +43,8 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     message = read_file(source, "input", LARGEST_BYTES)
     plan, console = plan_of(settings, config), Console()
     film = np.tile(film_of(message, plan), (config.repeats, 1, 1))
-    pictures = (np.where(symbol, LIT, DARK).astype(np.uint8) for symbol in film)
-    large = (
-        np.kron(picture, np.ones((config.cell_px, config.cell_px), np.uint8))
-        for picture in pictures
-    )
+    led = np.full((config.cell_px, config.cell_px), LIT, np.uint8)
+    large = (np.kron(symbol, led) for symbol in film)
     with ProgressView(len(film), console, "writing") as view:
         frames = view.counted(large, "writing")
         write_video(folder / "film.mp4", frames, config.symbol_rate_hz)
@@ -76,7 +71,7 @@ def costs(plan: MessagePlan) -> list[str]:
         78.1 % of the cells: the message
     """
     layout, options = Layout(plan), plan.signalling
-    code, words = code_of(layout), layout.packets * layout.word_bits
+    code, words = layout.code, layout.packets * layout.word_bits
     cells = layout.symbols * plan.shape.leds
     info = 8 * layout.packets * code.info_bytes
     shares = {

@@ -37,17 +37,14 @@ class Album:
             OSError: the disk is full.
         """
         frame = reading.frame.source, reading.frame.index, reading.frame.light
-        if frame != self._frame or self._picture is None:
-            self._frame = frame
-            self._picture = annotated(
-                reading.frame.colour, reading.corners_px, reading.bits, self.scale
-            )
-            self._name = self._free_name(reading.frame.source, reading.frame.light)
+        picture, scale = reading.frame.colour, self.scale
+        if frame == self._frame:
+            picture, scale = np.asarray(self._picture), 1
         else:
-            corners_px = reading.corners_px * self.scale
-            self._picture = annotated(
-                np.asarray(self._picture), corners_px, reading.bits, 1
-            )
+            self._frame = frame
+            self._name = self._free_name(reading.frame.source, reading.frame.light)
+        corners_px = reading.corners_px * (self.scale / scale)
+        self._picture = annotated(picture, corners_px, reading.bits, scale)
         with atomic_file(self.folder / f"{self._name}.png") as temporary:
             self._picture.save(temporary, format="PNG")
 

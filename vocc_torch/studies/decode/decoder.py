@@ -6,14 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vocc_torch.boundary import checked
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.locators import PanelLocator, locator_words
+from vocc_torch.receiver.locators import locator_words
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import SHIPPED, shipped_receiver
 from vocc_torch.recordings.frames import RecordedFrame, turned
@@ -24,21 +22,6 @@ from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmix
 from vocc_torch.studies.decode.reading import Reading, is_adjustable, read_panels
 from vocc_torch.studies.decode.shapes import AUTO, ShapeChoice, find_shape
 from vocc_torch.types import PanelShape, resolve_device
-
-
-class Decoding(NamedTuple):
-    """Readings as they come, and how the grey plane was chosen; empty where it was named."""
-
-    readings: Iterator[Reading]
-    channel: str
-
-
-class Sized(NamedTuple):
-    """A receiver for a panel, all of a recording, and what was found of the panel's shape, or None."""
-
-    receiver: Receiver
-    recording: Iterator[RecordedFrame]
-    choice: ShapeChoice | None
 
 
 @checked
@@ -100,17 +83,14 @@ def decode(
         raise VoccError(str(error).removeprefix("decode.")) from None
     failures: list[str] = []
     recording = readable(read_source(source, config.first_channel), failures)
-    first = list(islice(recording, 1))
-    if not first:
-        raise VoccError(failures[0])
-    every = turned(chain(first, recording), turn, mirror)
+    every = turned(recording, turn, mirror)
     parts = rows, columns, plug_ins, false_alarms, device
     receiver, every, choice = sized_receiver(every, model, *parts)
     if choice is not None and not choice.is_sure:
         warnings.warn(str(choice), stacklevel=2)
     is_live = isinstance(source, str) and is_stream(source)
-    decoding = readings_of(receiver, every, config, is_live)
-    return with_warning(decoding.readings, failures)
+    readings, _ = readings_of(receiver, every, config, is_live)
+    return with_warning(readings, failures)
 
 
 def with_warning(found: Iterator[Reading], failures: list[str]) -> Iterator[Reading]:
@@ -128,71 +108,58 @@ def sized_receiver(
     plug_ins: Sequence[str] = (),
     false_alarms: float | None = None,
     device: str = "cpu",
-) -> Sized:
-    """Open a receiver for the panel's shape, which the first frames decide where it is ``auto``.
+) -> tuple[Receiver, Iterator[RecordedFrame], ShapeChoice | None]:
+    """Take a receiver, load one from a file, or take one that ships, for a panel of these rows and columns.
+
+    Args:
+        recording: of which the first frames decide the shape where it is ``auto``.
+        model: a receiver, its file, or the name of one that ships.
+        rows: of the panel; None takes those of the receiver.
+        columns: likewise.
+        plug_ins: files of code that a file may name.
+        false_alarms: of its locator in a frame without a panel; None takes the receiver's.
+        device: where it is put.
+
+    Returns:
+        The receiver, all of the recording, and what was found of the panel's shape, or None.
 
     Raises:
-        VoccError: what :func:`opened_receiver` and :func:`~vocc_torch.studies.decode.shapes.find_shape`
-            refuse, or a shape to be found by a receiver that does not ship.
+        VoccError: a model that cannot be read or is for another panel, a locator without such a rate, or a
+            shape to be found by a receiver that does not ship or that no usual panel has.
     """
-    choice = None
+    choice, name = None, str(model)
     if AUTO in (rows, columns):
-        if str(model) not in SHIPPED:
+        if name not in SHIPPED:
             rule = "a whole number for a receiver that does not ship"
             raise VoccError.of("panel.rows or panel.columns", AUTO, rule)
         first = list(islice(recording, SEEN_FRAMES))
         recording = chain(first, recording)
         greys = [np.asarray(frame.grey) for frame in first]
-        choice = find_shape(str(model), greys, rows or AUTO, columns or AUTO)
-        rows, columns = choice.shape.rows, choice.shape.columns
-    receiver = opened_receiver(model, rows, columns, plug_ins, false_alarms, device)
-    return Sized(receiver, recording, choice)
-
-
-def opened_receiver(
-    model: str | Path | Receiver,
-    rows: int | str | None = None,
-    columns: int | str | None = None,
-    plug_ins: Sequence[str] = (),
-    false_alarms: float | None = None,
-    device: str = "cpu",
-) -> Receiver:
-    """Take a receiver, load one from a file, or take one that ships, for a panel of these rows and columns.
-
-    Raises:
-        VoccError: a model that cannot be read or is for another panel, or a locator without such a rate.
-    """
+        choice = find_shape(name, greys, rows or AUTO, columns or AUTO)
+        rows, columns = choice.shape.sides
     if isinstance(model, Receiver):
         receiver = model
-    elif str(model) in SHIPPED:
-        receiver = shipped_receiver(str(model))
+    elif name in SHIPPED:
+        receiver = shipped_receiver(name)
     else:
         receiver = Receiver.load(model, plug_ins)
     has = receiver.shape
-    sides = zip((rows, columns), (has.rows, has.columns), strict=True)
-    # What is no number is refused there.
-    shape = PanelShape(*(own if side is None else side for side, own in sides))  # type: ignore[arg-type]
-    if shape != has and str(model) in SHIPPED:
-        receiver = shipped_receiver(str(model), shape)
+    rows = has.rows if rows is None else rows
+    columns = has.columns if columns is None else columns
+    shape = PanelShape(rows, columns)  # type: ignore[arg-type]  # refuses what is no number
+    if shape != has and name in SHIPPED:
+        receiver = shipped_receiver(name, shape)
     elif shape != has:
         size = f"panel.rows x panel.columns is {shape.rows} x {shape.columns}"
         reads = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
         raise VoccError(f"{reads}, and {size}: make them agree")
     if false_alarms is not None:
-        receiver.locator = at_rate(receiver.locator, false_alarms)
-    return receiver.to(resolve_device(device))
-
-
-def at_rate(locator: PanelLocator, false_alarms: float) -> PanelLocator:
-    """Give a model's locator another rate of false alarms.
-
-    Raises:
-        VoccError: a locator that states none, or a rate outside its range.
-    """
-    if not is_adjustable(locator):
-        rule = f"only detector states them, and the model's locator is {locator_words(locator)[0]}"
-        raise VoccError(f"receiver.false_alarms is {false_alarms}: {rule}")
-    return locator.at_rate(false_alarms)
+        if not is_adjustable(receiver.locator):
+            words = locator_words(receiver.locator)[0]
+            rule = f"only detector states them, and the model's locator is {words}"
+            raise VoccError(f"receiver.false_alarms is {false_alarms}: {rule}")
+        receiver.locator = receiver.locator.at_rate(false_alarms)
+    return receiver.to(resolve_device(device)), recording, choice
 
 
 def readings_of(
@@ -200,8 +167,8 @@ def readings_of(
     recording: Iterator[RecordedFrame],
     config: DecodeConfig,
     is_live: bool = False,
-) -> Decoding:
-    """Choose the grey plane of frames, and read them.
+) -> tuple[Iterator[Reading], str]:
+    """Choose the grey plane of frames, and read them; say how it was chosen where it was not named.
 
     Args:
         receiver: locates and decides.
@@ -216,7 +183,7 @@ def readings_of(
     follow = config.follow or ("true" if is_live else "false")
     at_once = 1 if is_live else 64
     found = read_panels(receiver, recording, config.most, follow, lights, at_once)
-    return Decoding(found, text)
+    return found, text
 
 
 def in_channel(
@@ -229,7 +196,9 @@ def in_channel(
     """
     if channel not in ("auto", "unmix"):
         return recording, "", ()
-    shown, every = first_colours(recording)
+    first = list(islice(recording, SEEN_FRAMES))
+    every, size = chain(first, recording), first[0].colour.shape
+    shown = [frame.colour for frame in first if frame.colour.shape == size]
     if channel == "unmix":
         best, mixes = unmixed(receiver, shown)
         if not mixes:
@@ -256,13 +225,3 @@ def in_channel(
 def in_plane(recording: Iterator[RecordedFrame], mix: Mix) -> Iterator[RecordedFrame]:
     """Replace the greys of frames by another mix of their colours."""
     return (replace(frame, grey=mix(frame.colour)) for frame in recording)
-
-
-def first_colours(
-    recording: Iterator[RecordedFrame],
-) -> tuple[list[NDArray[np.uint8]], Iterator[RecordedFrame]]:
-    """Give the pictures of one size that decide for all of a recording, and all of the recording."""
-    first = list(islice(recording, SEEN_FRAMES))
-    size = first[0].colour.shape
-    colours = [frame.colour for frame in first if frame.colour.shape == size]
-    return colours, chain(first, recording)

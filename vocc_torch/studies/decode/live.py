@@ -2,8 +2,7 @@
 
 import csv
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,45 +11,29 @@ from rich.console import Console
 from vocc_torch.errors import VoccError
 from vocc_torch.recordings.streams import LiveStream
 from vocc_torch.studies.decode.reading import COLUMNS, Reading
-from vocc_torch.studies.decode.summary import print_line
+from vocc_torch.studies.decode.summary import Summary, print_line
 from vocc_torch.studies.decode.viewer import Viewer
 
 MS_PER_S = 1000
 
 
-@dataclass
-class LiveRun:
-    """Counts of a live run.
+def summarised(summary: Summary, latencies_s: Sequence[float], dropped: int) -> str:
+    """Say in one line how many frames show a panel, and how long they took.
 
     Args:
-        frames: frames that were read.
-        found: frames that show a panel.
+        summary: of the frames that were read.
         latencies_s: from a frame's arrival until its bits were written, for each frame.
+        dropped: frames that were not read.
+
+    Example:
+        >>> summarised(Summary(frames=3, shown=2), [0.01, 0.02, 0.03], 1)
+        '2 of 3 frames show a panel; latency 20 ms, 29 ms at the 95th percentile; 1 frames dropped'
     """
-
-    frames: int = 0
-    found: int = 0
-    latencies_s: list[float] = field(default_factory=list)
-
-    def add(self, reading: Reading) -> None:
-        """Count a frame that was written just now."""
-        self.frames += 1
-        self.found += reading.found
-        if reading.frame.arrived_s is not None:
-            self.latencies_s.append(time.monotonic() - reading.frame.arrived_s)
-
-    def summary(self, dropped: int) -> str:
-        """Say in one line how many frames show a panel, and how long they took.
-
-        Example:
-            >>> LiveRun(3, 2, [0.01, 0.02, 0.03]).summary(1)
-            '2 of 3 frames show a panel; latency 20 ms, 29 ms at the 95th percentile; 1 frames dropped'
-        """
-        text = f"{self.found} of {self.frames} frames show a panel"
-        if self.latencies_s:
-            median, high = MS_PER_S * np.quantile(self.latencies_s, [0.5, 0.95])
-            text += f"; latency {median:.0f} ms, {high:.0f} ms at the 95th percentile"
-        return text + f"; {dropped} frames dropped" * bool(dropped)
+    text = f"{summary.shown} of {summary.frames} frames show a panel"
+    if latencies_s:
+        median, high = MS_PER_S * np.quantile(latencies_s, [0.5, 0.95])
+        text += f"; latency {median:.0f} ms, {high:.0f} ms at the 95th percentile"
+    return text + f"; {dropped} frames dropped" * bool(dropped)
 
 
 def decode_live(
@@ -59,7 +42,7 @@ def decode_live(
     path: Path,
     console: Console,
     viewer: Viewer | None,
-) -> LiveRun:
+) -> None:
     """Print and write readings as they come; Ctrl-C ends them in order.
 
     Args:
@@ -72,7 +55,7 @@ def decode_live(
     Raises:
         VoccError: the source fails; the table has the frames until then.
     """
-    run = LiveRun()
+    summary, latencies_s = Summary(), list[float]()
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)
@@ -80,17 +63,18 @@ def decode_live(
             for reading in readings:
                 table.writerow(reading.row())
                 file.flush()
-                run.add(reading)
+                summary.add(reading)
+                if reading.frame.arrived_s is not None:
+                    latencies_s.append(time.monotonic() - reading.frame.arrived_s)
                 print_line(console, line_of(reading))
                 if viewer is not None:
                     viewer.show(reading)
         except KeyboardInterrupt:
             pass
         finally:
-            print_line(console, run.summary(stream.dropped))
-    if not run.frames:
+            print_line(console, summarised(summary, latencies_s, stream.dropped))
+    if not summary.frames:
         raise VoccError(f"input {stream.source}: no frame arrived")
-    return run
 
 
 def line_of(reading: Reading) -> str:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby, islice
 
 import numpy as np
 import torch
@@ -15,9 +14,10 @@ from vocc_torch.receiver.locators import LOCATORS, PanelLocator
 from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.recordings.frames import RecordedFrame
+from vocc_torch.recordings.reading import batches
 from vocc_torch.studies.decode.colour import Mix
 from vocc_torch.studies.decode.judge import is_doubtful, is_one_level
-from vocc_torch.types import Frames, StatedPanels
+from vocc_torch.types import Frames
 
 COLUMNS = (
     "source",
@@ -113,16 +113,27 @@ class Reading:
     def row(self) -> list[str]:
         """The frame's row of ``bits.csv``."""
         frame = self.frame
-        time_s = "" if frame.time_s is None else f"{frame.time_s:.6f}"
-        corners = [f"{c:.2f}" for c in self.corners_px.ravel()]
-        judged = [*corners, self.text, f"{self.margin:.4g}", f"{self.panel_score:.3f}"]
-        expected = f"{self.expected_errors:.3g}"
+        judged = [
+            *(f"{c:.2f}" for c in self.corners_px.ravel()),
+            self.text,
+            f"{self.margin:.4g}",
+            f"{self.panel_score:.3f}",
+            f"{self.expected_errors:.3g}",
+        ]
         if not self.found:
-            judged, expected = [""] * len(judged), ""
-        head = [frame.source, str(frame.index), time_s, str(int(self.found))]
-        stated = "" if math.isnan(self.false_alarms) else f"{self.false_alarms:.3g}"
-        rest = [str(self.candidates), expected, str(self.panel), stated, frame.light]
-        return [*head, *judged, *rest]
+            judged = [""] * len(judged)
+        return [
+            frame.source,
+            str(frame.index),
+            "" if frame.time_s is None else f"{frame.time_s:.6f}",
+            str(int(self.found)),
+            *judged[:-1],
+            str(self.candidates),
+            judged[-1],
+            str(self.panel),
+            "" if math.isnan(self.false_alarms) else f"{self.false_alarms:.3g}",
+            frame.light,
+        ]
 
 
 def read_panels(
@@ -148,56 +159,37 @@ def read_panels(
     """
     demand_several(receiver.locator, most)
     tracker = Tracker(receiver.locator, receiver.shape)
-    for shape, run in groupby(recording, key=lambda frame: frame.grey.shape):
-        tracker = Tracker(receiver.locator, receiver.shape, number=tracker.number)
-        size = max(1, min(frames_at_once, BATCH_PIXELS // (shape[0] * shape[1])))
-        while batch := list(islice(run, size)):
-            greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
-            images, whose = (
-                Frames.whole(greys.to(receiver.device)),
-                [*range(len(batch))],
-            )
-            tracks: list[int] = []
-            if follow == "true" or (follow == "auto" and batch[0].time_s is not None):
-                with torch.inference_mode():
-                    whose, tracks, followed = tracker.panels(greys, most)
-                    if whose != [*range(len(batch))]:
-                        images = images[torch.tensor(whose)]
-                    read = receiver(images, followed.to(receiver.device))
-            elif most > 1:
-                whose, read = receiver.decode_several(images.grey, most)
-            else:
-                read = receiver.decode(images)
-            frames = [batch[place] for place in whose]
-            each = [] if lights else [_readings(receiver, frames, read)]
-            panels = (
-                read.corners_px,
-                read.found,
-                read.panel_score,
-                read.candidates,
-                read.false_alarms,
-            )
-            for mix in lights:
-                planes = torch.from_numpy(
-                    np.stack([mix(frame.colour) for frame in frames])
+    size = None
+    for batch in batches(recording, frames_at_once, BATCH_PIXELS):
+        if batch[0].grey.shape != size:
+            size = batch[0].grey.shape
+            tracker = Tracker(receiver.locator, receiver.shape, number=tracker.number)
+        greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
+        images = Frames.whole(greys.to(receiver.device))
+        whose = [*range(len(batch))]
+        tracks: list[int] = []
+        if follow == "true" or (follow == "auto" and batch[0].time_s is not None):
+            with torch.inference_mode():
+                whose, tracks, followed = tracker.panels(greys, most)
+                read = receiver(
+                    images[torch.tensor(whose)], followed.to(receiver.device)
                 )
-                with torch.inference_mode():
-                    own = receiver(planes.to(receiver.device), StatedPanels(*panels))
-                each.append(
-                    _readings(
-                        receiver, [replace(one, light=mix.name) for one in frames], own
-                    )
-                )
-            numbers = tracks or [
-                row - whose.index(frame) for row, frame in enumerate(whose)
-            ]
-            rows = [
-                (place, replace(one, panel=number))
-                for found in each
-                for place, number, one in zip(whose, numbers, found, strict=True)
-            ]
-            # Stable: of a frame the panels of each colour, one colour after another.
-            yield from (one for _, one in sorted(rows, key=lambda row: row[0]))
+        elif most > 1:
+            whose, read = receiver.decode_several(images, most)
+        else:
+            read = receiver.decode(images)
+        tracks = tracks or [row - whose.index(at) for row, at in enumerate(whose)]
+        frames = [batch[place] for place in whose]
+        found = [] if lights else [*_readings(receiver, frames, tracks, read)]
+        for mix in lights:
+            planes = torch.from_numpy(np.stack([mix(frame.colour) for frame in frames]))
+            lit = [replace(frame, light=mix.name) for frame in frames]
+            with torch.inference_mode():
+                own = receiver(planes.to(receiver.device), read.panels)
+            found += _readings(receiver, lit, tracks, own)
+        # Stable: of a frame the panels of each colour, one colour after another.
+        rows = zip(whose * max(1, len(lights)), found, strict=True)
+        yield from (reading for _, reading in sorted(rows, key=lambda row: row[0]))
 
 
 def demand_several(locator: PanelLocator | None, most: int) -> None:
@@ -217,24 +209,26 @@ def is_adjustable(locator: PanelLocator) -> bool:
 
 
 def _readings(
-    receiver: Receiver, frames: Sequence[RecordedFrame], read: Decoded
+    receiver: Receiver,
+    frames: Sequence[RecordedFrame],
+    tracks: Sequence[int],
+    read: Decoded,
 ) -> Iterator[Reading]:
     """Say what was read at the panel of each frame, and how surely."""
-    least = read.scores.abs().amin(dim=(1, 2))
-    corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
     looks, beyond = read.appearance.cpu(), harder(read.appearance, receiver.trained_on)
-    expected = torch.sigmoid(-read.llr.abs()).sum(dim=(1, 2))
-    one_level = is_one_level(read)
-    given = (
+    columns = (
         read.found,
-        least,
+        read.scores.abs().amin(dim=(1, 2)),
         read.panel_score,
         read.candidates,
         is_doubtful(read),
-        expected,
+        torch.sigmoid(-read.llr.abs()).sum(dim=(1, 2)),
+        is_one_level(read),
+        read.false_alarms,
     )
-    columns = (one.tolist() for one in (*given, one_level, read.false_alarms))
-    for i, (frame, found, *judged) in enumerate(zip(frames, *columns, strict=True)):
+    corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
+    rows = zip(frames, *(one.tolist() for one in columns), tracks, strict=True)
+    for i, (frame, found, *judged) in enumerate(rows):
         names = [name for name, far in beyond.items() if far[i] and found]
         unlike = {name: float(looks[i, APPEARANCE.index(name)]) for name in names}
         yield Reading(frame, found, corners[i], bits[i], unlike, *judged)

@@ -1,10 +1,10 @@
 """``task=decode``: the command's layer over :mod:`vocc_torch.studies.decode.decoder`."""
 
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+import warnings
+from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import asdict
-from itertools import chain, islice
 from pathlib import Path
 
 from rich.console import Console
@@ -23,14 +23,16 @@ from vocc_torch.recordings.reading import (
 )
 from vocc_torch.recordings.streams import LiveStream, is_stream
 from vocc_torch.report.folder import (
+    Cells,
     print_places,
     refuse_results,
     write_config,
     write_rows,
 )
+from vocc_torch.report.progress import ProgressView
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.album import Album
-from vocc_torch.studies.decode.decoder import Sized, readings_of, sized_receiver
+from vocc_torch.studies.decode.decoder import readings_of, sized_receiver
 from vocc_torch.studies.decode.live import decode_live
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, demand_several
 from vocc_torch.studies.decode.summary import Summary, print_line
@@ -60,12 +62,7 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     files = read_recording(
         Path(settings.input), config.first_channel, grey_only=config.grey_only
     )
-    recording = readable(files, failures)
-    # A file that cannot be read is refused before a receiver is trained.
-    first = list(islice(recording, 1))
-    if not first:
-        raise VoccError(failures[0])
-    run_files(settings, config, folder, chain(first, recording), failures)
+    run_files(settings, config, folder, readable(files, failures), failures)
 
 
 def run_files(
@@ -82,15 +79,16 @@ def run_files(
     """
     console = Console()
     receiver, readings = readings_for(settings, config, folder, recording, console)
-    summary = Summary()
+    summary, rows = Summary(), list[Cells]([COLUMNS])
     album = Album(folder, config.scale)
     viewer = Viewer() if config.show else None
     total = expected_frames(Path(settings.input or ""))
     try:
-        with progress(total, console) as advance:
+        with ProgressView(total, console, "decoding") as view:
             for reading in readings:
+                rows.append(reading.row())
                 summary.add(reading)
-                advance(summary.frames)
+                view.advance("decoding", summary.frames - view.done)
                 if reading.found and config.annotate and reading.frame.time_s is None:
                     album.add(reading)
                 if viewer is not None:
@@ -104,7 +102,7 @@ def run_files(
         nothing = f"input {settings.input} shows no panel of {size} in {summary.frames} of {summary.frames} frames"
         hint = summary.hint(config, is_trained, receiver)
         raise VoccError("; ".join([f"{nothing}: {hint}", *failures]))
-    write_rows(folder / "bits.csv", [COLUMNS, *summary.rows])
+    write_rows(folder / "bits.csv", rows)
     write_receiver(settings, receiver, folder)
     summary.print_best(console, config.most)
     places = [("bits", "bits.csv")]
@@ -113,23 +111,11 @@ def run_files(
     if is_trained:
         places.append(("receiver", "receiver.pt"))
     print_places(console, folder, places)
-    summary.warn(receiver)
+    for doubt in summary.doubts(receiver):
+        warnings.warn(doubt, stacklevel=2)
     if failures:
         rest = f"bits.csv has the {summary.frames} frames that could be read"
         raise VoccError(f"{failures[0]}; {rest}")
-
-
-@contextmanager
-def progress(total: int, console: Console) -> Iterator[Callable[[int], None]]:
-    """Show how many frames are decoded, and the time left, where there are several."""
-    if total < 2:
-        yield lambda frames: None
-        return
-    # Loaded here because a single picture needs no bar.
-    from vocc_torch.report.progress import ProgressView
-
-    with ProgressView(total, console, "decoding") as view:
-        yield lambda frames: view.advance("decoding", frames - view.done)
 
 
 def run_live(
@@ -158,48 +144,36 @@ def readings_for(
     console: Console,
     is_live: bool = False,
 ) -> tuple[Receiver, Iterator[Reading]]:
-    """Give the receiver and what it reads, and print the shape and the channel that were chosen."""
-    receiver, recording, choice = receiver_of(settings, config, folder, recording)
-    if choice is not None:
-        print_line(console, str(choice))
-    decoding = readings_of(receiver, recording, config, is_live)
-    print_line(console, decoding.channel)
-    return receiver, decoding.readings
+    """Give the receiver and what it reads, and print the shape and the channel that were chosen.
 
-
-def receiver_of(
-    settings: Settings,
-    config: DecodeConfig,
-    folder: Path,
-    recording: Iterator[RecordedFrame],
-) -> Sized:
-    """Take the receiver that ships or that a model file holds; train one where ``model`` is null.
+    The receiver ships or is in a model file; where ``model`` is null it is trained.
 
     Raises:
         VoccError: a model that cannot be read or is for another panel, or several panels of a locator that
             finds one.
     """
     recording = turned(recording, config.turn, config.mirror)
-    if settings.model is not None:
-        panel = asdict(settings.panel)
-        return sized_receiver(
-            recording,
-            settings.model,
-            panel["rows"],
-            panel["columns"],
-            settings.plug_ins,
-            settings.receiver.false_alarms,
-            settings.device,
-        )
-    # Loaded here because a receiver that is at hand needs no simulation.
-    from vocc_torch.measure.build import build_plan
-    from vocc_torch.measure.train import receiver_for
+    if settings.model is None:
+        # Loaded here because a receiver that is at hand needs no simulation.
+        from vocc_torch.measure.build import build_plan
+        from vocc_torch.measure.train import receiver_for
 
-    plan = build_plan(settings, folder)
-    (finder,) = plan.receiver.finders([plan.receiver.locator]).values()
-    demand_several(finder, config.most)
-    at_truth = finder is not None and finder.finds_several
-    return Sized(receiver_for(plan, None, at_truth=at_truth), recording, None)
+        plan = build_plan(settings, folder)
+        (finder,) = plan.receiver.finders([plan.receiver.locator]).values()
+        demand_several(finder, config.most)
+        at_truth = finder is not None and finder.finds_several
+        receiver = receiver_for(plan, None, at_truth=at_truth)
+    else:
+        panel, rate = asdict(settings.panel), settings.receiver.false_alarms
+        sides, plug_ins = (panel["rows"], panel["columns"]), settings.plug_ins
+        receiver, recording, choice = sized_receiver(
+            recording, settings.model, *sides, plug_ins, rate, settings.device
+        )
+        if choice is not None:
+            print_line(console, str(choice))
+    readings, channel = readings_of(receiver, recording, config, is_live)
+    print_line(console, channel)
+    return receiver, readings
 
 
 def write_receiver(settings: Settings, receiver: Receiver, folder: Path) -> None:

@@ -1,7 +1,7 @@
 """What the readings of a recording come to: the best one, hints where nothing is found, and warnings."""
 
 import math
-import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from rich.console import Console
@@ -26,7 +26,6 @@ class Summary:
     """What the readings of a recording come to.
 
     Args:
-        rows: of ``bits.csv``.
         best: the reading with the largest least margin.
         frames: how many frames there are.
         shown: how many of them show a panel.
@@ -41,7 +40,6 @@ class Summary:
         notes: what the reader assumed about the files.
     """
 
-    rows: list[list[str]] = field(default_factory=list)
     best: Reading | None = None
     frames: int = 0
     shown: int = 0
@@ -58,11 +56,10 @@ class Summary:
 
     def add(self, reading: Reading) -> None:
         """Count a reading."""
-        self.rows.append(reading.row())
-        one = reading.frame.source, reading.frame.index
-        self.frames += one != self._last
-        self.shown += reading.found and one != self._last
-        self._last = one
+        place = reading.frame.source, reading.frame.index
+        self.frames += place != self._last
+        self.shown += reading.found and place != self._last
+        self._last = place
         if reading.frame.note and reading.frame.note not in self.notes:
             self.notes.append(reading.frame.note)
         if not reading.found:
@@ -141,27 +138,18 @@ class Summary:
         )
         return f"the best candidate, in {self.likeliest}, has {told}; {enough} accepts it, {sized}"
 
-    def warn(self, receiver: Receiver) -> None:
-        """Warn of what makes the bits doubtful."""
+    def doubts(self, receiver: Receiver) -> Iterator[str]:
+        """Say what makes the bits doubtful."""
         if self.doubtful:
             look = "check its place, panel_score and margin before you trust the bits"
-            warnings.warn(
-                f"{self.doubtful} of {self.counted} may show no panel: {look}",
-                stacklevel=2,
-            )
+            yield f"{self.doubtful} of {self.counted} may show no panel: {look}"
         if self.alike:
             look = "if all are On or all Off, their bits mean nothing"
-            warnings.warn(
-                f"LEDs look alike in {self.alike} of {self.counted}: {look}",
-                stacklevel=2,
-            )
+            yield f"LEDs look alike in {self.alike} of {self.counted}: {look}"
         if self.strange:
-            learned = receiver.trained_on
             below = "; ".join(
-                f"{name} {value:.3g}, in training at least {learned[name][0]:.3g}"
+                f"{name} {value:.3g}, in training at least {receiver.trained_on[name][0]:.3g}"
                 for name, value in self.unlike.items()
             )
             which = f"{self.strange} of {self.counted} are harder than the training frames of {receiver.name}"
-            warnings.warn(
-                f"{which} ({below}): expected_errors may be too low", stacklevel=2
-            )
+            yield f"{which} ({below}): expected_errors may be too low"
