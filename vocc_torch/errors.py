@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, field, fields
+from importlib import import_module
 from numbers import Integral, Real
 from typing import Any, Self
 
@@ -103,6 +104,31 @@ def printable(text: str) -> str:
         red\x1b[31m.png
     """
     return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+
+
+def library(module: str, extra: str, need: str, otherwise: str = "") -> Any:
+    """Import a library that an extra of the package installs.
+
+    Args:
+        module: its name.
+        extra: the name of the extra.
+        need: what needs it.
+        otherwise: what may be done instead.
+
+    Raises:
+        VoccError: it is not installed.
+
+    Example:
+        >>> library("no_such_module", "video", "input a.mp4 is a film")
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: input a.mp4 is a film: install the extra with pip install 'vocc-torch[video]'
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        command = f"install the extra with pip install 'vocc-torch[{extra}]'"
+        raise VoccError(f"{need}: {command}{otherwise}") from None
 
 
 def told_known(given: object, known: Iterable[str]) -> str:

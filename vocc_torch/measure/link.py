@@ -176,13 +176,19 @@ class Link:
             yield observations
 
 
-def misplaced(panels: Panels, truth: Panels, shape: PanelShape) -> torch.Tensor:
-    """Say in which frames the panel was missed, or a corner lies more than a quarter of a cell off.
+def misplaced(
+    panels: Panels,
+    truth: Panels,
+    shape: PanelShape,
+    most_cells: float = MOST_OFF_CELLS,
+) -> torch.Tensor:
+    """Say in which frames the panel was missed, or a corner lies too far off.
 
     Args:
         panels: as located.
         truth: the true panels; a frame that has none has no misplaced one.
         shape: the panel's.
+        most_cells: that a corner may be off.
 
     Returns:
         (B,) bool.
@@ -199,7 +205,7 @@ def misplaced(panels: Panels, truth: Panels, shape: PanelShape) -> torch.Tensor:
     widths, heights = sides.view(-1, 2, 2).amin(1).unbind(1)
     cell = torch.minimum(widths / shape.columns, heights / shape.rows)
     off = (panels.corners_px - truth.corners_px).norm(dim=-1).amax(1)
-    near: torch.Tensor = panels.found & (off <= MOST_OFF_CELLS * cell)
+    near: torch.Tensor = panels.found & (off <= most_cells * cell)
     return truth.found & ~near
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vocc_torch.errors import VoccError, printable
+from vocc_torch.errors import VoccError, library, printable
 from vocc_torch.recordings.frames import Bytes, FilmGrey, Grey, RecordedFrame, to_grey
 
 FULL_RANGE = 2
@@ -22,12 +22,7 @@ def av_library(source: str) -> Any:
     Raises:
         VoccError: it is not installed.
     """
-    try:
-        import av
-    except ImportError:
-        extra = "install the extra with pip install 'vocc-torch[video]'"
-        raise VoccError(f"input {source} is a film: {extra}") from None
-    return av
+    return library("av", "video", f"input {source} is a film")
 
 
 def read_film(

@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from vocc_torch.errors import VoccError
-
 Bytes = NDArray[np.uint8]
 
 STUDIO_BLACK = 16
@@ -22,8 +20,6 @@ STUDIO_TO_FULL = (
     .astype(np.uint8)
 )
 """Full-range grey value of each grey value of a film."""
-QUARTER_TURNS = {0: 0, 90: 3, 180: 2, 270: 1}
-"""Turns of ``numpy.rot90`` for each clockwise angle in degrees."""
 WHITE_LEVELS = (1, 255, 1023, 4095, 16383, 65535)
 """Grey value of white in pictures of floats and of 8, 10, 12, 14 and 16 bits."""
 
@@ -143,17 +139,12 @@ def turned(
         recording: the frames.
         turn: 0, 90, 180 or 270 degrees.
         mirror: whether left and right are exchanged.
-
-    Raises:
-        VoccError: another angle.
     """
-    if turn not in QUARTER_TURNS:
-        raise VoccError.of("decode.turn", turn, "0, 90, 180 or 270 degrees")
     if not turn and not mirror:
         return recording
 
     def upright(plane: Bytes) -> Bytes:
-        rotated = np.rot90(plane, QUARTER_TURNS[turn])
+        rotated = np.rot90(plane, -turn // 90)
         return np.ascontiguousarray(rotated[:, ::-1] if mirror else rotated)
 
     return (

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from vocc_torch.arrays import read_npy
-from vocc_torch.errors import VoccError, printable
+from vocc_torch.errors import VoccError, library, printable
 from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
 from vocc_torch.recordings.frames import Bytes, RecordedFrame, to_bytes, to_grey
 
@@ -135,12 +135,8 @@ def heif_formats(path: Path) -> tuple[str, ...]:
     """
     if path.suffix.lower() not in HEIF_SUFFIXES:
         return ()
-    try:
-        import pillow_heif
-    except ImportError:
-        extra = "install the extra with pip install 'vocc-torch[heif]'"
-        raise VoccError(f"input {path} is a HEIC picture: {extra}") from None
-    pillow_heif.register_heif_opener()
+    heif = library("pillow_heif", "heif", f"input {path} is a HEIC picture")
+    heif.register_heif_opener()
     return ("HEIF",)
 
 

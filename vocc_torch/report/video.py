@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from vocc_torch.arrays import Bytes
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import library
 from vocc_torch.files import atomic_file
 
 SLOWEST_PARTS = 1001
@@ -31,12 +31,7 @@ def write_video(
     Raises:
         VoccError: PyAV is not installed, there are no frames, or the file cannot be written.
     """
-    try:
-        import av
-    except ImportError:
-        raise VoccError(
-            f"{path} is a video: install the extra with pip install 'vocc-torch[video]'"
-        ) from None
+    av = library("av", "video", f"{path} is a video")
     count = 0
     # What says how to read it goes first, so that a film which is cut can be read up to there.
     first = {"movflags": "faststart"}

@@ -189,7 +189,7 @@ def test_a_recording_grows_as_frames_are_taken_and_a_full_disk_leaves_nothing(
         ),
         (
             "task=messages messages.ratio=[1.2]",
-            "messages.ratio is [1.2]: it must be at least 1.5 and at most",
+            "messages.ratio is 1.2: it must be at least 1.5 and at most",
         ),
         (
             "task=messages messages.distance_m=[] messages.ambient_lx=[] messages.ratio=[]",

@@ -1,14 +1,13 @@
 """Forward error correction by the field's libraries: words of bits from information, and back."""
 
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 import torch
 
 from vocc_torch.arrays import Bytes, Singles
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, library
 from vocc_torch.extras.messages.signalling import Signalling
 
 LONGEST_WORD = 255
@@ -58,13 +57,8 @@ class ReedSolomon(Code):
     """
 
     def __init__(self, word_bytes: int, info_bytes: int) -> None:
-        try:
-            import reedsolo
-        except ImportError:
-            raise VoccError(
-                "transmit.code is rs, which needs reedsolo: "
-                "install the extra with pip install 'vocc-torch[messages]', or give none"
-            ) from None
+        need = "transmit.code is rs, which needs reedsolo"
+        reedsolo = library("reedsolo", "messages", need, ", or give none")
         super().__init__(info_bytes)
         self.check_bytes = word_bytes - info_bytes
         self.codec: Any = reedsolo.RSCodec(self.check_bytes, nsize=LONGEST_WORD)
@@ -103,7 +97,8 @@ class Ldpc(Code):
 
     def __init__(self, word_bits: int, info_bytes: int) -> None:
         super().__init__(info_bytes)
-        fec = sionna()
+        need = "transmit.code is ldpc, which needs sionna-no-rt"
+        fec = library("sionna.phy.fec.ldpc", "ldpc", need, ", or give rs")
         try:
             self.encoder: Any = fec.LDPC5GEncoder(
                 8 * info_bytes, word_bits, device="cpu"
@@ -127,21 +122,6 @@ class Ldpc(Code):
         with torch.inference_mode():
             bits = self.decoder(torch.from_numpy(llr)).numpy().astype(np.uint8)
         return [word.tobytes() for word in np.packbits(bits, axis=1)]
-
-
-def sionna() -> Any:
-    """Import Sionna's LDPC codes.
-
-    Raises:
-        VoccError: it is not installed.
-    """
-    try:
-        return import_module("sionna.phy.fec.ldpc")
-    except ImportError:
-        raise VoccError(
-            "transmit.code is ldpc, which needs sionna-no-rt: "
-            "install the extra with pip install 'vocc-torch[ldpc]', or give rs"
-        ) from None
 
 
 def code_of(options: Signalling, word_bits: int) -> Code:

@@ -8,7 +8,6 @@ from vocc_torch.errors import (
     VoccError,
     demand_within,
     demand_word,
-    finite_number,
     whole_number,
 )
 from vocc_torch.extras.messages.signalling import Signalling
@@ -177,14 +176,10 @@ class MessagesConfig:
             setting = getattr(self, name)
             values = setting if name in AXES else [setting]
             low, high = (1.5, MOST_RATIO) if name.endswith("ratio") else (0.0, 1e6)
-            inside = all(
-                low < finite_number(f"messages.{name}", value) <= high or value == 1.5
-                for value in values
-            )
-            if not inside or not all(a < b for a, b in pairwise(values)):
-                least = "at least 1.5" if low else "above 0"
-                rule = f"{least} and at most {high:g}" + ", ascending" * (name in AXES)
-                raise VoccError.of(f"messages.{name}", setting, rule)
+            for value in values:
+                demand_within(f"messages.{name}", value, low, high, above=not low)
+            if not all(a < b for a, b in pairwise(values)):
+                raise VoccError.of(f"messages.{name}", setting, "ascending")
         if not any(getattr(self, axis) for axis in AXES):
             raise VoccError(
                 "messages varies nothing: give values of messages.distance_m, ambient_lx or ratio"

@@ -4,7 +4,7 @@ This is the cross-entropy method (Rubinstein, Methodology and Computing in Appli
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -23,16 +23,15 @@ PRIOR = 32
 """Frames that a pattern's guess counts as much as, when it is learned."""
 
 
-@dataclass(frozen=True, eq=False)
-class PilotFrames:
+class PilotFrames(NamedTuple):
     """What a pilot saw of N frames.
 
     Args:
         placed: where each value of the scenes lies in its distribution, (N,) by name.
         bits: (N,R,C) bool.
         weights: (N,) float64.
-        margins: (L,N,R,C) by locator and receiver: how far each score is on the right side.
-        failed: (L,N) bool, whether the panel was not found where it is.
+        margins: (N,L,R,C) by locator and receiver: how far each score is on the right side.
+        failed: (N,L) bool, whether the panel was not found where it is.
     """
 
     placed: Mapping[str, Floats]
@@ -44,15 +43,9 @@ class PilotFrames:
 
 def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
     """Join the samples of several blocks."""
-    placed = {
-        name: np.concatenate([look.placed[name] for look in looks])
-        for name in looks[0].placed
-    }
-    bits, weights, margins, failed = (
-        np.concatenate([getattr(look, name) for look in looks], axis)
-        for name, axis in {"bits": 0, "weights": 0, "margins": 1, "failed": 1}.items()
-    )
-    return PilotFrames(placed, bits, weights, margins, failed)
+    placed, *arrays = zip(*looks, strict=True)
+    names = {name: np.concatenate([at[name] for at in placed]) for name in placed[0]}
+    return PilotFrames(names, *map(np.concatenate, arrays))
 
 
 def learned(
@@ -61,7 +54,7 @@ def learned(
     """Fit the next proposal to the samples of the last one; for failed locations, to the samples of all."""
     (nominal, dark), last_look = scenes.components[:2], looks[-1]
     components = [nominal, relearned(dark, joined(looks))]
-    of_each = zip(last_look.margins, last_look.failed, strict=True)
+    of_each = zip(last_look.margins.swapaxes(0, 1), last_look.failed.T, strict=True)
     weak = [
         weakness
         for margins, failed in of_each
@@ -87,24 +80,19 @@ def weakest(
     Returns:
         Frame, row and column of each, (n,3), and the weights (n,).
     """
-    wrong = ((margins < 0) | ((margins == 0) & ~observed.bits)) & ~failed[:, None, None]
-    shares = [
-        observed.weights @ (wrong & (observed.bits == lit)).sum(axis=(1, 2))
-        for lit in (False, True)
-    ]
-    for lit in (False, True):
-        if shares[lit] < 0.02 * sum(shares):
+    found = ~failed[:, None, None]
+    wrong = ((margins < 0) | ((margins == 0) & ~observed.bits)) & found
+    groups = [found & (observed.bits == lit) for lit in (False, True)]
+    shares = [observed.weights @ (wrong & of).sum(axis=(1, 2)) for of in groups]
+    for of, share in zip(groups, shares, strict=True):
+        if share < 0.02 * sum(shares):
             continue
-        weakest = np.where(
-            (observed.bits == lit) & ~failed[:, None, None], margins - wrong, np.inf
-        )
-        count = max(WEAKEST, int(np.sum(wrong & (observed.bits == lit))))
-        order = np.argsort(weakest, axis=None, kind="stable")[:count]
-        places = np.stack(
-            np.unravel_index(order[np.isfinite(weakest.ravel()[order])], weakest.shape),
-            axis=1,
-        )
-        if len(places):
+        values = np.where(of, margins - wrong, np.inf)
+        count = max(WEAKEST, int(np.sum(wrong & of)))
+        order = np.argsort(values, axis=None, kind="stable")[:count]
+        order = order[np.isfinite(values.ravel()[order])]
+        if len(order):
+            places = np.stack(np.unravel_index(order, values.shape), axis=1)
             yield places, evened(observed.weights[places[:, 0]])
 
 
@@ -150,7 +138,7 @@ def of_leds(
 
 def relearned(component: Component, observed: PilotFrames) -> Component:
     """Learn the patterns, their shares and scenes from the frames whose panel was not found where it is."""
-    frame = np.flatnonzero(observed.failed.any(axis=0))
+    frame = np.flatnonzero(observed.failed.any(axis=1))
     if len(frame) < 4:
         return component
     sides = turned(observed.bits[frame])

@@ -11,7 +11,6 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
 import torch
 
 from vocc_torch.extras.rare.guess import first_guess
@@ -22,11 +21,11 @@ from vocc_torch.measure import runner
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
-from vocc_torch.measure.link import Link
+from vocc_torch.measure.link import Link, misplaced
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.timing import threads
 from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
-from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
+from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
 
 Banks = Mapping[Locator, ReceiverBank]
@@ -101,34 +100,22 @@ def look(
     plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int
 ) -> PilotFrames:
     """Look at one block of a pilot."""
-    plan, key, shape = (
+    plan, key = (
         replace(plan, batch_frames=BLOCK_FRAMES),
         BlockKey(plan.seed, point, block),
-        plan.world.panel.shape,
     )
-    names = [FrameKey(key, frame) for frame in range(BLOCK_FRAMES)]
     with threads(1), torch.inference_mode():
         link, finders = Link.of(plan), plan.receiver.finders(tuple(banks))
         preambles = any(needs_preambles(bank.names) for bank in banks.values())
         (views,) = link.observe_each(finders, scenes, [key], preambles=preambles)
         margins, failed = [], []
         for locator, bank in banks.items():
-            observation = views[locator]
-            true = link.simulator.true_panels(
-                observation.scene, names, rendered=True
-            ).corners_px
-            pitch = (true[:, 1] - true[:, 0]).norm(dim=-1) / shape.columns
-            off = (observation.panels.corners_px - true).norm(dim=-1).amax(
-                dim=1
-            ) > FAILED_CELLS * pitch
-            for scores in bank.scores(
-                observation.readings, observation.preambles
-            ).values():
-                margins.append(
-                    (scores * (2.0 * observation.bits - 1)).cpu().double().numpy()
-                )
-                failed.append((off | ~observation.panels.found).cpu().numpy())
-    placed, bits = scenes.drawn(key, shape)
-    return PilotFrames(
-        placed, bits, scenes.weights(placed, bits), np.stack(margins), np.stack(failed)
-    )
+            seen = views[locator]
+            off = misplaced(seen.panels, seen.truth(), seen.reader.shape, FAILED_CELLS)
+            for scores in bank.scores(seen.readings, seen.preambles).values():
+                margins.append((scores * (2.0 * seen.bits - 1)).double().cpu())
+                failed.append(off.cpu())
+    placed, bits = scenes.drawn(key, plan.world.panel.shape)
+    weights = scenes.weights(placed, bits)
+    sides = torch.stack(margins, dim=1).numpy(), torch.stack(failed, dim=1).numpy()
+    return PilotFrames(placed, bits, weights, *sides)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vocc_torch.errors import VoccError, demand_word
+from vocc_torch.errors import VoccError, demand_word, whole_number
 
 CHANNELS = ("luma", "max", "red", "green", "blue", "auto", "unmix")
 FOLLOWS = ("true", "false", "auto")
@@ -45,20 +45,15 @@ class DecodeConfig:
     def __post_init__(self) -> None:
         """Check the channel, the numbers and the word."""
         demand_word("decode.channel", self.channel, CHANNELS)
-        if not 1 <= self.scale <= MOST_SCALE:
-            raise VoccError.of("decode.scale", self.scale, f"from 1 to {MOST_SCALE}")
+        whole_number("decode.scale", self.scale, 1, MOST_SCALE)
+        whole_number("decode.most", self.most, 1, MOST_PANELS)
         if self.follow is not None:
             self.follow = self.follow.lower()  # true and false are written by YAML too
-            if self.follow not in FOLLOWS:
-                raise VoccError.of(
-                    "decode.follow", repr(self.follow), "true, false or auto"
-                )
+            demand_word("decode.follow", self.follow, FOLLOWS)
         if self.scale > 1 and not self.annotate:
             raise VoccError.of(
                 "decode.scale", self.scale, "1 where decode.annotate is false"
             )
-        if not 1 <= self.most <= MOST_PANELS:
-            raise VoccError.of("decode.most", self.most, f"from 1 to {MOST_PANELS}")
         if self.turn not in TURNS:
             raise VoccError.of("decode.turn", self.turn, "0, 90, 180 or 270 degrees")
 

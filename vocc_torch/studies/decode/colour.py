@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vocc_torch.receiver.discriminant import ClassScatter, Discriminant
 from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.levels import GAMMA, LIGHT_OF_GREY
-from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.resample import cell_size_px, rectify_takes
 from vocc_torch.recordings.frames import to_grey
 from vocc_torch.studies.decode import CHANNELS
@@ -100,40 +100,39 @@ def channel_of(
         return luma, float("nan"), 0
     judged = {mix: _judged(receiver, mix, colours) for mix in FIXED}
     best = _best(judged, receiver.shape)
-    _, _, panels, bits = judged[best]
-    cells = _cells(receiver, np.stack(colours), panels)
+    read = judged[best].read
+    cells = _cells(receiver, np.stack(colours), read.panels)
     for name, margin in (
         ("On against Off", False),
         ("On against Off and surround", True),
     ):
-        if (found := fisher_mix(cells, bits[panels.found], margin)) is not None:
+        if (found := fisher_mix(cells, read.bits[read.found], margin)) is not None:
             mix = Mix(name, *found)
             judged[mix] = _judged(receiver, mix, colours)
     best = _best(judged, receiver.shape)
-    return best, judged[best].apart, judged[best].sure
+    sure, apart, _ = judged[best]
+    return best, apart, sure
 
 
 class _Judged(NamedTuple):
-    """Sure panels of a plane, how far On and Off are apart in the mean, the panels and their bits."""
+    """Sure panels of a plane, how far On and Off are apart in the mean, and what was read."""
 
     sure: int
     apart: float
-    panels: Panels
-    bits: torch.Tensor
+    read: Decoded
 
 
 def _best(judged: Mapping[Mix, _Judged], shape: PanelShape) -> Mix:
     """Choose the plane that parts best of those clearly better than luma and beyond chance; else luma."""
     luma, best = judged[FIXED[0]], FIXED[0]
-    for mix, one in judged.items():
-        off = (one.panels.corners_px - luma.panels.corners_px).norm(dim=-1).amax(dim=-1)
-        near = off <= torch.maximum(*cell_size_px(luma.panels.corners_px, shape))
-        same = bool(near[one.panels.found].all())
-        clearly = (
-            0 if one.sure > luma.sure else luma.apart * (CLEARLY if same else ELSEWHERE)
-        )
-        if one.sure >= luma.sure and one.apart >= max(LEAST_PARTED, clearly):
-            best = max(best, mix, key=lambda two: (judged[two].sure, judged[two].apart))
+    corners_px = luma.read.corners_px
+    reach_px = torch.maximum(*cell_size_px(corners_px, shape))
+    for mix, (sure, apart, read) in judged.items():
+        off_px = (read.corners_px - corners_px).norm(dim=-1).amax(dim=-1)
+        same = bool((off_px <= reach_px)[read.found].all())
+        clearly = luma.apart * (CLEARLY if same else ELSEWHERE) * (sure <= luma.sure)
+        if sure >= luma.sure and apart >= max(LEAST_PARTED, clearly):
+            best = max(best, mix, key=lambda two: judged[two][:2])
     return best
 
 
@@ -151,8 +150,7 @@ def _judged(
     read = receiver.decode(_plane(receiver, mix, colours))
     apart = torch.where(read.found, parted(read.scores, read.bits), 0.0)
     sure = int((read.found & ~is_doubtful(read)).sum())
-    panels = Panels(read.corners_px, read.found, read.panel_score, read.candidates)
-    return _Judged(sure, float(apart.mean()), panels, read.bits)
+    return _Judged(sure, float(apart.mean()), read)
 
 
 def _cells(receiver: Receiver, colours: NDArray[Any], panels: Panels) -> torch.Tensor:
@@ -215,8 +213,8 @@ def unmixed(
         Off of a colour lie no farther apart than one level of light does by chance.
     """
     judged = {mix: _judged(receiver, mix, colours) for mix in FIXED}
-    best = max(judged, key=lambda mix: (judged[mix].sure, judged[mix].apart))
-    panels = judged[best].panels
+    best = max(judged, key=lambda mix: judged[mix][:2])
+    panels = judged[best].read.panels
     cells = _cells(receiver, LIGHT_OF_GREY[np.stack(colours)], panels)
     rows = cells[:, 1:-1, 1:-1].reshape(-1, 3)
     if not len(rows):
@@ -235,13 +233,11 @@ def unmixed(
     own = own * strength
     offsets = (light[0, channel] - light[0] @ own).tolist()
     each = zip(CHANNELS[2:5], own.T.tolist(), offsets, strict=True)
-    mixes = tuple(
-        Mix(name, tuple(weights), offset, True) for name, weights, offset in each
-    )
+    mixes = [Mix(name, tuple(weights), offset, True) for name, weights, offset in each]
     for mix in mixes:
         with torch.inference_mode():
             read = receiver(_plane(receiver, mix, colours), panels)
         # NaN where no panel is found, which is no distance either.
         if not parted(read.scores, read.bits)[panels.found].mean() >= _CHANCE:
             return best, ()
-    return best, mixes
+    return best, tuple(mixes)

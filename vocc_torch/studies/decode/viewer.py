@@ -1,12 +1,10 @@
 """A window that shows frames with the panel's corners and bits while they are read: Rerun's viewer."""
 
-from typing import Any
-
 import numpy as np
 import torch
 
 from vocc_torch.arrays import Floats
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, library
 from vocc_torch.receiver.resample import map_points, sample_cells
 from vocc_torch.studies.decode.reading import Reading
 from vocc_torch.types import PanelShape
@@ -24,12 +22,7 @@ class Viewer:
     """
 
     def __init__(self) -> None:
-        try:
-            import rerun
-        except ImportError:
-            extra = "install the extra with pip install 'vocc-torch[viewer]'"
-            raise VoccError(f"decode.show is true: {extra}") from None
-        self.rerun: Any = rerun
+        self.rerun = rerun = library("rerun", "viewer", "decode.show is true")
         rerun.init("vocc-torch decode")
         try:
             rerun.spawn()
