@@ -48,9 +48,9 @@ def spread(generator: Generator, low: float, high: float) -> float:
     return math.exp(generator.uniform(math.log(low), math.log(high)))
 
 
-def vehicle(g: Generator, light: Light, least_m: float = 0.0) -> Sketch:
+def vehicle(sketch: Sketch, g: Generator, light: Light, least_m: float = 0.0) -> None:
     """Draw the back or the front of a car, a van or a lorry, at least ``least_m`` wide and high."""
-    sketch, boxy = Sketch(), g.random() < 0.35
+    boxy = g.random() < 0.35
     low, most = ((2.0, 2.1), (2.5, 3.6)) if boxy else ((1.6, 1.35), (1.95, 1.75))
     wide, high = np.maximum(g.uniform(low, most), (1.3 * least_m, 1.5 * least_m))
     half, floor, rear = wide / 2, -0.28, g.random() < 0.7
@@ -104,7 +104,6 @@ def vehicle(g: Generator, light: Light, least_m: float = 0.0) -> Sketch:
     if g.random() < 0.4 and light.daylight_cd_m2 > 0:  # the sun in the chrome
         at = g.uniform((-half, belt), (half, floor), (g.integers(1, 4), 2))
         sketch.dots(at, g.uniform(0.01, 0.05), light.of(spread(g, 3, 60)), round=True)
-    return sketch
 
 
 def _vehicle_lamps(
@@ -136,10 +135,9 @@ def _vehicle_lamps(
         sketch.grid(0.25, top, top + 0.03, 1, lamps, 0.7, braking, round=True)
 
 
-def house(g: Generator, light: Light) -> Sketch:
+def house(sketch: Sketch, g: Generator, light: Light) -> None:
     """Draw a front of windows, some of them lit, with a shop and its sign or without."""
-    sketch = Sketch()
-    wide, high = g.uniform(6, 30), g.uniform(5, 22)
+    wide, high = g.uniform((6, 5), (30, 22))
     sketch.box(wide / 2, -high, 0, light.matt(g, 0.08, 0.6))
     rows = max(1, round(high / g.uniform(2.6, 3.5)))
     columns = max(2, round(wide / g.uniform(1.2, 4)))
@@ -159,15 +157,13 @@ def house(g: Generator, light: Light) -> Sketch:
         ground, ink = (light.lamp(g, 30, 2000, lit=lit) for _ in range(2))
         sketch.box(wide / 3, -3.2, -2.4, ground)
         sketch.text(words_of(g, g.integers(4, 12)), -wide / 3.3, -3.1, 0.6, ink)
-    return sketch
 
 
-def sign(g: Generator, light: Light) -> Sketch:
+def sign(sketch: Sketch, g: Generator, light: Light) -> None:
     """Draw a traffic sign, a direction sign or a poster with lettering, on a pole."""
-    sketch = Sketch()
-    wide, high, up = g.uniform(0.6, 3.5), g.uniform(0.5, 1.6), g.uniform(1.5, 5)
+    wide, high, up = g.uniform((0.6, 0.5, 1.5), (3.5, 1.6, 5))
     sketch.box(0.05, -up, 0, light.matt(g, 0.1, 0.5))
-    ground, ink = (g.uniform(0.03, 0.15), g.uniform(0.6, 0.85))
+    ground, ink = g.uniform((0.03, 0.6), (0.15, 0.85))
     if g.random() < 0.5:
         ground, ink = ink, ground
     if g.random() < 0.4:
@@ -176,7 +172,7 @@ def sign(g: Generator, light: Light) -> Sketch:
             sketch.dots(centre, high / 2 * share, light.of(shade), round=True)
         limit = str(g.integers(2, 13) * 10)
         sketch.text(limit, -high * 0.25, -up - high * 0.2, high * 0.4, light.of(0.03))
-        return sketch
+        return
     sketch.box(wide / 2, -up - high, -up, light.of(ground))
     lines = g.integers(1, 5)
     for line in range(lines):
@@ -191,16 +187,14 @@ def sign(g: Generator, light: Light) -> Sketch:
             step * 0.7,
             light.of(ink),
         )
-    return sketch
 
 
-def display(g: Generator, light: Light) -> Sketch:
+def display(sketch: Sketch, g: Generator, light: Light) -> None:
     """Draw a dot matrix that shows words or an arrow: over a road, on a bus, in a shop."""
-    sketch = Sketch()
-    lines = g.integers(1, 4)
-    length = g.integers(2, 11)
+    lines, length = g.integers((1, 2), (4, 11))
     dot = spread(g, 0.01, 0.06)
-    up, rim, fill = g.uniform(1.5, 5.5), g.uniform(1, 4) * dot, g.uniform(0.4, 0.95)
+    up, rim, fill = g.uniform((1.5, 1, 0.4), (5.5, 4, 0.95))
+    rim *= dot
     wide, high = (6 * length + 1) * dot, 12 * lines * dot
     sketch.box(
         wide / 2 + rim,
@@ -221,13 +215,11 @@ def display(g: Generator, light: Light) -> Sketch:
             lamp,
             fill,
         )
-    return sketch
 
 
-def fence(g: Generator, light: Light) -> Sketch:
+def fence(sketch: Sketch, g: Generator, light: Light) -> None:
     """Draw a fence, a shutter, bricks, a grating or a mesh: bars or cells of one pitch."""
-    sketch = Sketch()
-    wide, high = g.uniform(1.5, 10), g.uniform(0.8, 3)
+    wide, high = g.uniform((1.5, 0.8), (10, 3))
     pitch = spread(g, 0.04, 0.4)
     rows, columns = (max(2, min(24, round(side / pitch))) for side in (high, wide))
     rows, columns = ((1, columns), (rows, 1), (rows, columns))[g.integers(3)]
@@ -248,19 +240,17 @@ def fence(g: Generator, light: Light) -> Sketch:
         luminance,
         round=g.random() < 0.2,
     )
-    return sketch
 
 
-def lamp_post(g: Generator, light: Light) -> Sketch:
+def lamp_post(sketch: Sketch, g: Generator, light: Light) -> None:
     """Draw a street lamp, traffic lights, a chain of lamps or a field of floodlights."""
-    sketch = Sketch()
     up, kind, lit = g.uniform(2.5, 8), g.integers(4), g.random() < light.lit
     lamp_light = light.lamp(g, 2e3, 1e5, lit=lit)
     sketch.box(0.07, -up, 0, light.matt(g, 0.03, 0.3))
     if kind == 0:
         centre = [[g.uniform(-1, 1), -up]]
-        half = [g.uniform(0.15, 0.5), g.uniform(0.06, 0.25)]
-        sketch.dots(np.array(centre), np.array(half), lamp_light, round=True)
+        half = g.uniform((0.15, 0.06), (0.5, 0.25))
+        sketch.dots(np.array(centre), half, lamp_light, round=True)
     elif kind == 1:
         sketch.box(0.18, -up, -up + 1.0, light.of(0.03))
         states = np.full(3, light.of(0.06))
@@ -273,13 +263,11 @@ def lamp_post(g: Generator, light: Light) -> Sketch:
         bright = lamp_light * np.exp(g.normal(0, 0.15, rows * columns))
         foot, fill = -up + rows * wide / columns, g.uniform(0.3, 0.8)
         sketch.grid(wide / 2, -up, foot, rows, columns, fill, bright, round=True)
-    return sketch
 
 
-def tree(g: Generator, light: Light) -> Sketch:
+def tree(sketch: Sketch, g: Generator, light: Light) -> None:
     """Draw a trunk and a crown of leaves in sun and shade."""
-    sketch = Sketch()
-    up, wide = g.uniform(2.5, 8), g.uniform(1, 3.5)
+    up, wide = g.uniform((2.5, 1), (8, 3.5))
     sketch.box(0.15, -up, 0, light.of(0.07))
     leaves = g.integers(40, 120)
     at = g.normal((0, -up), (wide / 2, wide / 2.2), (leaves, 2))
@@ -292,16 +280,12 @@ def tree(g: Generator, light: Light) -> Sketch:
         np.maximum(shade, 1e-6),
         round=g.random() < 0.5,
     )
-    return sketch
 
 
-def marks(g: Generator, light: Light) -> Sketch:
+def marks(sketch: Sketch, g: Generator, light: Light) -> None:
     """Draw lane marks and a crossing on the ground: x right and y ahead of the camera."""
-    sketch = Sketch()
     paint = light.matt(g, 0.3, 0.7)
-    dash = g.uniform(2, 6)
-    lane = g.uniform(2.8, 3.8)
-    start, first = g.uniform(3, 9), g.uniform(-2.5, -1)
+    dash, lane, start, first = g.uniform((2, 2.8, 3, -2.5), (6, 3.8, 9, -1))
     for line in range(-1, 3):
         x = first + line * lane
         (dashes, fill) = (20, 0.5) if line in (0, 1) else (1, 1.0)
@@ -319,10 +303,9 @@ def marks(g: Generator, light: Light) -> Sketch:
             0.5,
             paint,
         )
-    return sketch
 
 
-Thing = Callable[[Generator, Light], Sketch]
+Thing = Callable[[Sketch, Generator, Light], None]
 
 BESIDE: tuple[Thing, ...] = (
     vehicle,

@@ -352,56 +352,46 @@ class Simulator:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
         context, sensor = batch.context, self.camera.sensor_px
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
+        crop, apart = batch.size != sensor, len(after)
+        channels: Sequence[int | None] = [None]
         if self._colour is not None:
-            return self._in_colour(batch, after)
+            channels = range(len(CHANNELS))
+            together = (isinstance(effect, OF_ALL_CHANNELS) for effect in after)
+            apart = [*together, True].index(True)
+        elif self._filling in after and crop and not window:
+            return self._filled(batch, after)
+        planes = []
+        for channel in channels:
+            part = replace(batch, context=replace(context, channel=channel))
+            value, current = self._run(
+                (self.paint(part), Quantity.LUMINANCE),
+                after[:apart],
+                part.context,
+                to_end=apart == len(after),
+            )
+            if self._filling is None and crop:
+                framing.demand_even_border(value, batch)
+            planes.append(value)
+        pictures = torch.cat(planes, dim=1), current
+        return self._run(pictures, after[apart:], context, to_end=True)[0]
+
+    def _filled(self, batch: framing.Batch, after: Sequence[Effect]) -> Tensor:
+        """Carry crops to the effect that fills the sensor, and there lay them on it."""
+        context, sensor = batch.context, self.camera.sensor_px
+        filling = [effect.fills_sensor for effect in after].index(True)
         painted = self.paint(batch), Quantity.LUMINANCE
-        if self._filling not in after or window or batch.size == sensor:
-            pictures = self._run(painted, after, context, to_end=True)[0]
-            if self._filling is None and batch.size != sensor:
-                framing.demand_even_border(pictures, batch)
-            return pictures
-        filling = after.index(self._filling)
         value, current = self._run(painted, after[:filling], context)
         framing.demand_even_border(value, batch)
         surround = framing.read_surround(value, batch.centre_px, context.first_px)
         frames = []
-        for i, (crop, outside) in enumerate(
-            zip(value.unsqueeze(1), surround, strict=True)
-        ):
+        for i, crop in enumerate(value.unsqueeze(1)):
             part = batch.taken(slice(i, i + 1), batch.size).context
-            frame = framing.lay_on_sensor(crop, outside, part.first_px, sensor)
+            frame = framing.lay_on_sensor(crop, surround[i], part.first_px, sensor)
             part = replace(part, origin_px=torch.zeros_like(part.first_px))
             frames.append(
                 self._run((frame, current), after[filling:], part, to_end=True)[0]
             )
         return torch.cat(frames)
-
-    def _in_colour(self, batch: framing.Batch, after: Sequence[Effect]) -> Tensor:
-        """Carry each channel's light through the camera, up to what takes all three together."""
-        places = (
-            i for i, effect in enumerate(after) if isinstance(effect, OF_ALL_CHANNELS)
-        )
-        apart, planes = next(places, len(after)), []
-        for channel in range(len(CHANNELS)):
-            channel_batch = replace(
-                batch, context=replace(batch.context, channel=channel)
-            )
-            painted = self.paint(channel_batch), Quantity.LUMINANCE
-            value, current = self._run(
-                painted,
-                after[:apart],
-                channel_batch.context,
-                to_end=apart == len(after),
-            )
-            if self._filling is None and batch.size != self.camera.sensor_px:
-                framing.demand_even_border(value, batch)
-            planes.append(value)
-        return self._run(
-            (torch.cat(planes, dim=1), current),
-            after[apart:],
-            batch.context,
-            to_end=True,
-        )[0]
 
     def paint(self, batch: framing.Batch) -> Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""

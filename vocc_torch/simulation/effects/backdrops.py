@@ -227,7 +227,7 @@ class Leaves(street.Sketched):
         far = np.maximum(window[:2] - middles, middles - window[2:]).max(axis=1)
         for leaf in np.flatnonzero(far < 2 * radii):
             random = Generator(SFC64(int(seeds[leaf])))
-            turn, squeeze = random.uniform(0, 2 * math.pi), random.uniform(0.4, 1.0)
+            turn, squeeze = random.uniform((0, 0.4), (2 * math.pi, 1.0))
             axes = np.array(
                 [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
             )

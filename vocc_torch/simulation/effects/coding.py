@@ -275,32 +275,26 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
         height, width = value.shape[-2:]
         coded = torch.empty_like(value)
         quality = torch.tensor([float(self.quality)], device=value.device)
+        coloured = value.shape[1] == len(CHANNELS)
         # Grey RGB would have a chroma of 127.5, whose rounding errors depend on the strip's size and reach
         # the luma. So the strips are tinted to the chroma that the codec takes for none.
         neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=value.device)
-        tint = ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5
+        tint = (ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5) * (not coloured)
         several = max(1, JPEG_PIXELS // (min(height, JPEG_ROWS) * width))
-        coloured = value.shape[1] == len(CHANNELS)
         for first in range(0, len(value), several):
             for top in range(0, height, JPEG_ROWS):
-                part = (
+                frames, rows = (
                     slice(first, first + several),
-                    slice(None),
                     slice(top, top + JPEG_ROWS),
                 )
-                if coloured:
-                    rgb = jpeg_codec_differentiable(
-                        value[part].float() / 255.0, quality
-                    )
-                    coded[part] = torch.round(rgb * 255.0).clamp(0, 255).to(torch.uint8)
-                    continue
-                rgb = jpeg_codec_differentiable(
-                    value[part].float() / 255.0 + tint, quality
-                )
-                # The codec clips its colours: red, brighter, is whole down to black, and green up to white.
-                red, green = rgb[:, :1] - tint[0], rgb[:, 1:2] - tint[1]
-                luma = torch.where(green > 0.5, green, red) * 255.0
-                coded[part] = torch.round(luma).clamp(0, 255).to(torch.uint8)
+                strip = value[frames, :, rows].float() / 255.0 + tint
+                light = jpeg_codec_differentiable(strip, quality)
+                if not coloured:
+                    # The codec clips its colours: red, brighter, is whole down to black, and green up to white.
+                    red, green = light[:, :1] - tint[0], light[:, 1:2] - tint[1]
+                    light = torch.where(green > 0.5, green, red)
+                levels = torch.round(light * 255.0).clamp(0, 255)
+                coded[frames, :, rows] = levels.to(torch.uint8)
         return coded
 
 

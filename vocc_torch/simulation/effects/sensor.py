@@ -19,7 +19,13 @@ from vocc_torch.arrays import Singles
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.rng import sensor_generator
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
+from vocc_torch.simulation.effects.base import (
+    Context,
+    Effect,
+    Quantity,
+    of_kind,
+    within,
+)
 from vocc_torch.simulation.effects.colour import CHANNELS
 from vocc_torch.simulation.effects.poisson import poisson_quantile
 from vocc_torch.simulation.raster import Size
@@ -420,9 +426,8 @@ class ShotNoise(ElectronNoise):
             # Tile by tile the working arrays stay in the cache; a tile's rows below the window are not drawn.
             for part, generator in tiles:
                 generator.standard_normal(out=normals[: part.in_tile[0].stop])
-                tile = mean[part.in_window].astype(np.float64)
                 # Rounding in an earlier effect may leave a black pixel a hair below zero.
-                np.maximum(tile, 0.0, out=tile)
+                tile = np.maximum(mean[part.in_window].astype(np.float64), 0.0)
                 if np.isnan(tile).any():
                     raise VoccError(
                         f"scene.effects.{self.name} got a mean of electrons that is not a number"
@@ -557,11 +562,8 @@ class ReadNoise(ElectronNoise):
                 generator.standard_normal(
                     out=normals[: part.in_tile[0].stop], dtype=np.float32
                 )
-                np.multiply(
-                    normals[part.in_tile],
-                    np.float32(self.electrons),
-                    out=plane[part.in_window],
-                )
+                noise = normals[part.in_tile] * np.float32(self.electrons)
+                plane[part.in_window] = noise
         return value + torch.from_numpy(planes).unsqueeze(1).to(value)
 
 
@@ -585,9 +587,8 @@ class Gain(Effect, on=Quantity.ELECTRONS, to=Quantity.EXPOSURE):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Turn (B,1,H,W) electrons into luminous exposure."""
-        maker = next(
-            effect for effect in context.effects if isinstance(effect, Photoelectrons)
-        )
+        maker = of_kind(context.effects, Photoelectrons)
+        assert maker is not None
         return value.clamp(min=0) / maker.electrons_per_lx_s(context.camera)
 
 

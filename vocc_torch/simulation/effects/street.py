@@ -173,14 +173,10 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
                 + below * (ground / lift)
             )
             depth = np.float32(self.contrast) * (0.4 * above + middle + 0.5 * below)
-            wave: Singles = down(lines, rows / NODE_PX) * depth
+            wave = down(lines, rows / NODE_PX) * depth
             # The exponential's first terms: the same numbers wherever a pixel lies in its array.
-            square = wave * wave
-            square *= np.float32(0.5)
-            wave += 1
-            wave += square
-            wave *= base
-            return wave
+            lifted: Singles = (wave + 1 + wave * wave * np.float32(0.5)) * base
+            return lifted
 
         return rows_from
 
@@ -329,7 +325,9 @@ class Clutter(Sketched):
         for _, thing, place, seed, (x, y), reach in self.placed(generator, camera_view):
             if max(x - right, left - x, y - bottom, top - y) > reach:
                 continue
-            parts = thing(Generator(SFC64(seed)), light).parts
+            drawing = sketch.Sketch()
+            thing(drawing, Generator(SFC64(seed)), light)
+            parts = drawing.parts
             if wet and thing is not roadside.marks:
                 layer.lay(
                     [(points * (1, -1), luminance) for points, luminance in parts],
