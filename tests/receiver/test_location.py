@@ -7,8 +7,10 @@ import pytest
 import torch
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.components import close_mask
+from vocc_torch.receiver.foreground import sensor_threshold
 from vocc_torch.receiver.locators import paper
-from vocc_torch.receiver.locators.paper import PaperLocator, paper_stages
+from vocc_torch.receiver.locators.paper import PaperLocator
 from vocc_torch.types import Frames, PanelShape
 
 SHAPE = PanelShape(8, 8)
@@ -153,13 +155,14 @@ def test_parameters_out_of_range_are_refused_by_name(name, value):
         PaperLocator(**{name: value})
 
 
-def test_stages_for_figures_equal_opencvs():
+def test_threshold_mask_and_closing_equal_opencvs():
     grey = panel_frame(9, 6.0)
-    stages = paper_stages(whole(grey))
+    found = sensor_threshold(whole(grey)).item()
+    ours = torch.from_numpy(grey > found)
     threshold, mask = cv2.threshold(grey, 0, 1, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     closed = cv2.morphologyEx(
         np.pad(mask, 11), cv2.MORPH_CLOSE, np.ones((11, 11), np.uint8)
     )[11:-11, 11:-11]
-    assert stages.threshold.item() == threshold
-    np.testing.assert_array_equal(stages.mask[0, 0], mask.astype(bool))
-    np.testing.assert_array_equal(stages.closed[0, 0], closed.astype(bool))
+    assert found == threshold
+    np.testing.assert_array_equal(ours, mask.astype(bool))
+    np.testing.assert_array_equal(close_mask(ours[None, None], 11)[0, 0], closed > 0)

@@ -123,7 +123,7 @@ class ReceiverBank:
     @property
     def needs_patches(self) -> bool:
         """Whether any receiver reads the whole panel, and not single pixels."""
-        return any(decider.needs_patches for decider in self.deciders.values())
+        return any(d.features != ("centre",) for d in self.deciders.values())
 
     def to(self, device: torch.device) -> Self:
         """Copy them to a device."""

@@ -1,10 +1,10 @@
 """What a receiver's scores are worth, and on what panels it learned that."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -81,13 +81,12 @@ class Calibration:
         )
 
     @classmethod
-    def read(cls, settings: Mapping[str, Sequence[Sequence[float]]]) -> Self:
-        """Read back what a model file keeps of its fields."""
-        (off, on) = (
-            (tuple(settings[side][0]), tuple(settings[side][1]))
-            for side in ("off", "on")
-        )
-        return cls(off, on)
+    def read(cls, settings: Mapping[str, Any] | None) -> Self | None:
+        """Read back what a model file keeps of its fields; None if it keeps none."""
+        if settings is None:
+            return None
+        sides = settings["off"], settings["on"]
+        return cls(*((tuple(places), tuple(sizes)) for places, sizes in sides))
 
     def __call__(self, scores: Tensor) -> Tensor:
         """Turn scores into log-likelihood ratios, float64, of the scores' shape."""

@@ -1,14 +1,15 @@
 """What decides bits from readings: Fisher's discriminant, the greyscale baselines, and classifiers."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.features import greyscale_scores, preamble_threshold
 from vocc_torch.receiver.flda import FLDA
@@ -35,24 +36,6 @@ class Preambles(NamedTuple):
     off: Greys
 
 
-class Decider(Protocol):
-    """Scores LEDs from readings; :class:`~vocc_torch.receiver.classifiers.Guarded` classifiers are such."""
-
-    @property
-    def features(self) -> tuple[str, ...]:
-        """Measurements that it needs: features, ``average`` or ``centre``."""
-
-    @property
-    def needs_patches(self) -> bool:
-        """Whether it reads the whole panel, and not single pixels."""
-
-    def score(self, readings: Readings, preambles: Preambles | None = None) -> Tensor:
-        """Score every LED, (B,R,C) float64; at least 0 is On (Eq. 18)."""
-
-    def to(self, device: torch.device) -> Self:
-        """Copy it to a device."""
-
-
 @dataclass(frozen=True)
 class FldaDecider:
     """Fisher's discriminant on some of the features.
@@ -67,8 +50,6 @@ class FldaDecider:
 
     name: str
     classifier: FLDA
-
-    needs_patches = True
 
     def __post_init__(self) -> None:
         """Check the name and the number of features."""
@@ -89,10 +70,8 @@ class FldaDecider:
 
     def score(self, readings: Readings, preambles: Preambles | None = None) -> Tensor:
         """Score every LED."""
-        features, columns = (
-            readings.features,
-            [readings.names.index(name) for name in self.features],
-        )
+        features = readings.features
+        columns = [readings.names.index(name) for name in self.features]
         if columns != list(range(features.shape[-1])):
             features = features[..., columns]
         if features.device.type == "cpu":
@@ -124,11 +103,6 @@ class GreyDecider:
         """Measurements that it needs."""
         return (GREYSCALE_RECEIVERS[self.name],)
 
-    @property
-    def needs_patches(self) -> bool:
-        """Whether it reads the whole panel."""
-        return self.features != ("centre",)
-
     def score(self, readings: Readings, preambles: Preambles | None = None) -> Tensor:
         """Score every LED.
 
@@ -149,6 +123,10 @@ class GreyDecider:
         return self
 
 
+Decider = FldaDecider | GreyDecider | Guarded
+"""What scores LEDs from readings."""
+
+
 def decider_of(
     name: str, classifier: FLDA | FldaDecider | Guarded
 ) -> FldaDecider | Guarded:
@@ -167,14 +145,21 @@ def decider_of(
     return classifier
 
 
-def flda_decider(name: str, state: Mapping[str, Tensor]) -> FldaDecider:
-    """Build FLDA from what :meth:`FldaDecider.model` gave.
+def decider_from(
+    name: str,
+    settings: Mapping[str, Any] | None,
+    arrays: Mapping[str, Tensor],
+    plug_ins: Sequence[str] = (),
+) -> FldaDecider | Guarded:
+    """Build what decides from what its ``model`` gave; FLDA has no settings.
 
     Raises:
-        VoccError: statistics that are not finite.
+        VoccError: statistics that are not finite, or as :func:`plugged.loaded`.
     """
+    if settings:
+        return plugged.loaded(settings, arrays, plug_ins)
     flda = FLDA(n_features=len(FLDA_FEATURES[name]))
-    flda.load_state_dict(state)
+    flda.load_state_dict(arrays)
     if not bool(flda.direction.isfinite().all()):
         raise VoccError("its statistics are not finite")
     return FldaDecider(name, flda)

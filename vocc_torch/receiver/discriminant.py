@@ -320,6 +320,10 @@ class Discriminant(NamedTuple):
         complaint = _complaint(gap, flat, null, separated)
         return cls(direction, (direction * centre).sum(dim=-1), centre), complaint
 
+    def to(self, device: torch.device) -> Self:
+        """Move it to a device."""
+        return type(self)(*(value.to(device) for value in self))
+
     def scores(self, features: Tensor) -> Tensor:
         """Score feature vectors: ``w . x - threshold``, at least 0 for On (Eq. 18); differentiable.
 

@@ -6,10 +6,10 @@ from functools import lru_cache
 from typing import Literal, get_args
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.types import PanelShape, are_finite, is_exporting
+from vocc_torch.types import PanelShape, is_exporting
 
 FEATURE_NAMES = ("agr", "gri", "ngr")
 """The order of the features' last dimension."""
@@ -76,20 +76,26 @@ def cell_means(patches: Tensor, shape: PanelShape) -> Tensor:
 
 def rectified_means(patches: Tensor, shape: PanelShape) -> Tensor:
     """Give :func:`cell_means` of patches whose grey values were looked at as they were rectified."""
-    return torch.nn.functional.avg_pool2d(patches, _samples_per_led(patches, shape))[
-        :, 0
-    ]
+    return nn.functional.avg_pool2d(patches, _samples_per_led(patches, shape))[:, 0]
 
 
-def _ratio_to_panel(greys: Tensor, means: Tensor) -> Tensor:
-    """Ratios (B,N,R,C) to the panel's mean; on an all-black panel every LED equals the mean, so 0/0 is 1.
+def level_ratios(means: Tensor) -> Tensor:
+    """Ratios (B,2,R,C) to the panel's mean, of each LED's mean grey and of that of its eight neighbours.
+
+    On an all-black panel every LED equals the mean, so 0/0 is 1.
 
     Args:
-        greys: (B,N,R,C) levels, N of each LED.
         means: (B,R+2,C+2) cell means with margin.
+
+    Example:
+        >>> level_ratios(torch.full((1, 3, 3), 5.0)).flatten().tolist()
+        [1.0, 1.0]
     """
-    mean = means[:, 1:-1, 1:-1].mean(dim=(1, 2)).view(-1, 1, 1, 1)
-    lit = mean > 0
+    levels = means.unsqueeze(1)
+    around = nn.functional.conv2d(levels, _ring(means.dtype, means.device))
+    levels = levels[..., 1:-1, 1:-1]
+    mean = levels.mean(dim=(2, 3), keepdim=True)
+    lit, greys = mean > 0, torch.cat([levels, around], dim=1)
     ratio = torch.where(lit, greys / torch.where(lit, mean, 1.0), 1.0)
     return ratio.clamp(max=torch.finfo(ratio.dtype).max)
 
@@ -112,9 +118,7 @@ def average_greyscale_ratio(means: Tensor) -> Tensor:
         >>> average_greyscale_ratio(means)[0].tolist()
         [[1.5, 0.5], [1.0, 1.0]]
     """
-    return _ratio_to_panel(checked_greys(means, "means")[:, None, 1:-1, 1:-1], means)[
-        :, 0
-    ]
+    return level_ratios(checked_greys(means, "means"))[:, 0]
 
 
 def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
@@ -134,14 +138,7 @@ def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
         >>> neighbour_greyscale_ratio(torch.full((1, 3, 3), 5.0)).tolist()
         [[[1.0]]]
     """
-    return _ratio_to_panel(_around(checked_greys(means, "means")), means)[:, 0]
-
-
-def _around(means: Tensor) -> Tensor:
-    """Mean of the eight neighbours of each LED's cell, (B,R+2,C+2) to (B,1,R,C)."""
-    return torch.nn.functional.conv2d(
-        means.unsqueeze(1), _ring(means.dtype, means.device)
-    )
+    return level_ratios(checked_greys(means, "means"))[:, 1]
 
 
 @lru_cache(maxsize=16)
@@ -215,7 +212,7 @@ def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
         raise VoccError.of(
             "receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}"
         )
-    padded = torch.nn.functional.pad(patches, (1, 1, 1, 1), mode="replicate")
+    padded = nn.functional.pad(patches, (1, 1, 1, 1), mode="replicate")
     dx = padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]
     dy = padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]
     return torch.cat([dx, dy], dim=1)
@@ -245,7 +242,7 @@ def gradient_radial_inwardness(
         rounding by K / its size.
 
     Raises:
-        VoccError: patches of another shape, or values that are not finite.
+        VoccError: patches of another shape.
 
     Example:
         >>> bump = torch.zeros(1, 1, 9, 9)
@@ -254,28 +251,12 @@ def gradient_radial_inwardness(
         >>> float(gradient_radial_inwardness(bump, PanelShape(1, 1), size, size)) > 0
         True
     """
-    inward = _inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
-    if not are_finite(inward):
-        raise VoccError(
-            "patches or cell sizes give a GRI that is not finite: both must be finite"
-        )
-    return inward
-
-
-def _inwardness(
-    patches: Tensor,
-    shape: PanelShape,
-    cell_width_px: Tensor,
-    cell_height_px: Tensor,
-    kernel: Gradient,
-) -> Tensor:
-    """Give the GRI of finite patches and sizes, (B,R,C)."""
     samples = _samples_per_led(patches, shape)
     # One sample of margin is all that the gradient kernels need.
     near = slice(samples - 1, (1 - samples) or None)
     gradient = image_gradient(patches[..., near, near], kernel)[:, :, 1:-1, 1:-1]
     field = _inward_fields(samples, shape, patches.dtype, patches.device)
-    towards = torch.nn.functional.avg_pool2d(gradient * field, samples)
+    towards = nn.functional.avg_pool2d(gradient * field, samples)
     per_pixel = samples / torch.stack([cell_width_px, cell_height_px], dim=1).clamp(
         min=1e-6
     )
@@ -313,14 +294,13 @@ def led_features(
     """
     agr = gri = ngr = patches.new_zeros(patches.shape[0], shape.rows, shape.columns)
     if "gri" in needed:
-        gri = _inwardness(patches, shape, cell_width_px, cell_height_px, kernel)
-    if means is not None:
-        levels = torch.cat([means[:, None, 1:-1, 1:-1], _around(means)], dim=1)
-        ratio, around = _ratio_to_panel(levels, means).unbind(1)
-        agr, ngr = (
-            (ratio if "agr" in needed else agr),
-            (around if "ngr" in needed else ngr),
+        gri = gradient_radial_inwardness(
+            patches, shape, cell_width_px, cell_height_px, kernel
         )
+    if means is not None:
+        own, around = level_ratios(means).unbind(1)
+        agr = own if "agr" in needed else agr
+        ngr = around if "ngr" in needed else ngr
     return torch.stack([agr, gri, ngr], dim=-1)
 
 

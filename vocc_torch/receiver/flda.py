@@ -193,9 +193,8 @@ class FLDA(torch.nn.Module):
         Raises:
             VoccError: no samples of a class yet, or features of the wrong kind or shape.
         """
-        points, rule = checked_features(features, self.n_features), self._solved()
-        scores: Tensor = ((points - rule.centre) * rule.direction).sum(dim=-1)
-        return scores
+        points = checked_features(features, self.n_features)
+        return self._solved().scores(points.unsqueeze(-2)).squeeze(-1)
 
     def forward(self, features: Tensor) -> Tensor:
         """Score feature vectors; the same as ``decision_function``."""
@@ -233,9 +232,7 @@ class FLDA(torch.nn.Module):
             statistics = self.statistics.to(torch.device("cpu")).checked()
             _require_both(statistics)
             solution, self._complaint = Discriminant.of(statistics)
-        self._solution = Discriminant(
-            *(value.to(self.mean.device) for value in solution)
-        )
+        self._solution = solution.to(self.mean.device)
         return self._solution
 
     def _solved(self) -> Discriminant:
@@ -254,20 +251,13 @@ class FLDA(torch.nn.Module):
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
         # There are no modules within to recurse into.
-        before, solution = (
-            self.statistics,
-            self._solution,
-        )
+        before, solution = self.statistics, self._solution
         super()._apply(fn)  # type: ignore[no-untyped-call]  # torch has no hints here
-        if (self.count.dtype, self.mean.dtype) != (
-            before.count.dtype,
-            before.mean.dtype,
-        ):
+        kinds = before.count.dtype, before.mean.dtype
+        if (self.count.dtype, self.mean.dtype) != kinds:
             self._store(before)
         if solution is not None:
-            self._solution = Discriminant(
-                *(value.to(self.mean.device) for value in solution)
-            )
+            self._solution = solution.to(self.mean.device)
         return self
 
     def _load_from_state_dict(

@@ -175,6 +175,16 @@ def sensor_histogram(frames: Frames) -> Tensor:
     return counts.scatter_add_(1, level, torch.full_like(level, outside))
 
 
+def sensor_threshold(frames: Frames) -> Tensor:
+    """Find Otsu's threshold of the whole sensor of each frame, (B,) int64; see :func:`sensor_histogram`.
+
+    Example:
+        >>> sensor_threshold(Frames.whole(torch.tensor([[[0, 9, 0]]], dtype=torch.uint8))).tolist()
+        [0]
+    """
+    return otsu_threshold(sensor_histogram(frames))
+
+
 def otsu_threshold(histogram: Tensor) -> Tensor:
     """Find the grey value that best parts each histogram in two; the foreground is ``grey > threshold``.
 

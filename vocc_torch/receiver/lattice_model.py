@@ -128,7 +128,7 @@ class Spots(NamedTuple):
 @torch.inference_mode(False)
 def _axis(leds: int, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return samples less the middles of an axis's spots, (N,n) cells, and the levers (n,)."""
-    centre = torch.arange(leds, dtype=torch.float32) + 0.5
+    centre = sample_cells(leds, 1, 0).float()
     apart = sample_cells(leds, SAMPLES, MARGIN).to(centre)[:, None] - centre
     return apart.to(device), (2 * centre / leds - 1).to(device)
 
@@ -269,9 +269,7 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
         grid.flatten()[:, None, None]
         for grid in torch.meshgrid(pitch, shift, blur, indexing="ij")
     )
-    centre = (
-        leds / 2 + s + p * (torch.arange(leds, dtype=torch.float64) + 0.5 - leds / 2)
-    )
+    centre = leds / 2 + s + p * (sample_cells(leds, 1, 0) - leds / 2)
     spots = torch.exp(
         -(((sample_cells(leds, SAMPLES, _MARGIN)[:, None] - centre) / (g * p)) ** 2) / 2
     )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vocc_torch.errors import VoccError, finite_number, whole_number
+from vocc_torch.errors import VoccError, demand_within, demand_word, whole_number
 
 MOST_CLOSING_PX = (1 << 16) - 1
 MOST_AREA_PX = 1 << 40
@@ -43,11 +43,5 @@ class LocatorLimits:
             )
         whole_number("location.min_area_px", self.min_area_px, 1, MOST_AREA_PX)
         for name in ("min_rectangularity", "min_compactness"):
-            if not 0 <= finite_number(f"location.{name}", getattr(self, name)) <= 1:
-                raise VoccError.of(f"location.{name}", getattr(self, name), "0 to 1")
-        if self.quadrilateral not in QUADRILATERALS:
-            raise VoccError.of(
-                "location.quadrilateral",
-                repr(self.quadrilateral),
-                "min_area or upright",
-            )
+            demand_within(f"location.{name}", getattr(self, name), 0, 1)
+        demand_word("location.quadrilateral", self.quadrilateral, QUADRILATERALS)

@@ -7,10 +7,9 @@ from torch import Tensor
 
 from vocc_torch.receiver.features import (
     Gradient,
-    average_greyscale_ratio,
     checked_greys,
     image_gradient,
-    neighbour_greyscale_ratio,
+    level_ratios,
 )
 from vocc_torch.types import Frames, PanelShape
 
@@ -118,6 +117,6 @@ def read_pixels(
         min=0.5
     )
     gri = means((inward * GRAIN).round() / GRAIN)[:, 1:-1, 1:-1]
-    ratios = average_greyscale_ratio(levels), neighbour_greyscale_ratio(levels)
-    features = torch.stack([ratios[0], gri, ratios[1]], dim=-1)
+    agr, ngr = level_ratios(levels).unbind(1)
+    features = torch.stack([agr, gri, ngr], dim=-1)
     return PixelReadings(features, levels[:, 1:-1, 1:-1], centre)

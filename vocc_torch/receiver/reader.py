@@ -7,7 +7,13 @@ from typing import NamedTuple, get_args
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.errors import (
+    VoccError,
+    demand_kind,
+    demand_within,
+    demand_word,
+    whole_number,
+)
 from vocc_torch.plugins import PlugIn, one_line
 from vocc_torch.receiver.features import (
     FEATURE_NAMES,
@@ -94,10 +100,7 @@ class Reader:
     def __post_init__(self) -> None:
         """Check every range."""
         demand_kind("shape", self.shape, PanelShape)
-        if type(self.samples_per_led) is not int or not 2 <= self.samples_per_led <= 64:
-            raise VoccError.of(
-                "receiver.samples_per_led", self.samples_per_led, "from 2 to 64"
-            )
+        whole_number("receiver.samples_per_led", self.samples_per_led, 2, 64)
         samples = (
             (self.shape.rows + 2) * (self.shape.columns + 2) * self.samples_per_led**2
         )
@@ -105,14 +108,8 @@ class Reader:
             panel = f"a panel of {self.shape.rows} x {self.shape.columns} LEDs would have {samples} samples"
             refusal = f"receiver.samples_per_led is {self.samples_per_led}"
             raise VoccError(f"{refusal}: {panel}, at most 2^25 are allowed")
-        if self.gradient not in get_args(Gradient):
-            raise VoccError.of(
-                "receiver.gradient",
-                repr(self.gradient),
-                " or ".join(get_args(Gradient)),
-            )
-        if self.disc_share is not None and not 0 < self.disc_share <= 1:
-            raise VoccError.of("disc_share", self.disc_share, "above 0 to 1")
+        demand_word("receiver.gradient", self.gradient, get_args(Gradient))
+        demand_within("disc_share", self.disc_share, 0, 1, above=True, null=True)
         if len({*self.names, *_GREYS}) < len(self.names) + len(_GREYS):
             raise VoccError.of(
                 "receiver.features", [*self.names], f"each once, and none of {_GREYS}"

@@ -15,9 +15,9 @@ from vocc_torch.files import demand_folder
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.bank import Preambles, ReceiverBank
 from vocc_torch.receiver.calibration import APPEARANCE, Calibration, Ranges, appearance
-from vocc_torch.receiver.classifiers import Guarded, plugged
+from vocc_torch.receiver.classifiers import Guarded
 from vocc_torch.receiver.classifiers.inputs import demand_features
-from vocc_torch.receiver.deciders import FldaDecider, decider_of, flda_decider
+from vocc_torch.receiver.deciders import FldaDecider, decider_from, decider_of
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.locators.touching import locate_several
@@ -312,13 +312,8 @@ class Receiver(torch.nn.Module):
         """
         if state["name"] != self.name:
             raise VoccError.of("the state's receiver", repr(state["name"]), self.name)
-        worth, settings = state["calibration"], state["classifier"]
-        self.calibration = None if worth is None else Calibration.read(worth)
-        decider = (
-            plugged.loaded(settings, state["arrays"], ())
-            if settings
-            else flda_decider(self.name, state["arrays"])
-        )
+        self.calibration = Calibration.read(state["calibration"])
+        decider = decider_from(self.name, state["classifier"], state["arrays"])
         self.decider = decider.to(self.device)
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
@@ -381,27 +376,17 @@ class Receiver(torch.nn.Module):
             samples, gradient = settings["samples_per_led"], settings["gradient"]
             share = settings.get("disc_share")
             reader = Reader(shape, samples, gradient, tuple(features), share)
-            locator, name = (
-                locator_from(settings["locator"], plug_ins),
-                settings["name"],
-            )
+            locator = locator_from(settings["locator"], plug_ins)
             demand_fields("receiver.locator", locator)
-            scale, ranges = (
-                settings.get("calibration"),
-                settings.get("trained_on") or {},
-            )
-            calibration = None if scale is None else Calibration.read(scale)
+            calibration = Calibration.read(settings.get("calibration"))
+            ranges, name = settings.get("trained_on") or {}, settings["name"]
             trained_on = {
                 quantity: (float(ranges[quantity][0]), float(ranges[quantity][1]))
                 for quantity in APPEARANCE
                 if ranges
             }
-            classifier = settings.get("classifier")
-            decider = (
-                flda_decider(name, state)
-                if classifier is None
-                else plugged.loaded(classifier, state, plug_ins)
-            )
+            learned = settings.get("classifier")
+            decider = decider_from(name, learned, state, plug_ins)
             return cls(name, locator, reader, decider, calibration, trained_on)
         except UNFIT as error:
             reason = (str(error).splitlines() or [type(error).__name__])[0]

@@ -498,7 +498,7 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
     mapped = cell_homography if frames.grey.is_cpu else _homography
     homography = mapped(panels.corners_px.double(), shape)
     middles = (
-        torch.arange(leds, dtype=torch.float64, device=homography.device) + 0.5
+        sample_cells(leds, 1, 0).to(homography.device)
         for leds in (shape.columns, shape.rows)
     )
     height, width = frames.grey.shape[-2:]
@@ -506,15 +506,10 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
         -1, 2, 1, 1
     )
     # Clamped before it is whole: a centre on the horizon is beyond what an integer holds.
-    column, row = (
-        place[:, 0].clamp(0, width - 1).long(),
-        place[:, 1].clamp(0, height - 1).long(),
-    )
-    read = (
-        frames.grey.flatten(1)
-        .gather(1, (row * width + column).flatten(1))
-        .view(row.shape)
-    )
+    column = place[:, 0].clamp(0, width - 1).long()
+    row = place[:, 1].clamp(0, height - 1).long()
+    index = (row * width + column).flatten(1)
+    read = frames.grey.flatten(1).gather(1, index).view(row.shape)
     if read.dtype == torch.uint8:  # bytes are grey values
         return read.float()
     dtype = torch.float64 if read.dtype == torch.float64 else torch.float32

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import one_line
-from vocc_torch.receiver.classifiers.protocol import Batches
+from vocc_torch.receiver.classifiers.protocol import Batches, fitted, joined
 from vocc_torch.receiver.classifiers.training import (
     Checkpoint,
     TrainingRecipe,
@@ -48,22 +48,11 @@ class TorchClassifier:
         self.recipe = recipe or TrainingRecipe()
         self.losses: list[float] = []
         self.earlier_s = 0.0
-        self._mean: Tensor | None = None
-        self._spread: Tensor | None = None
+        self._scale: tuple[Tensor, Tensor] | None = None
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
         """Train on ``recipe.frames`` panels of the stream, independently of the study's budget."""
-        count = 0
-        x = bits = torch.empty(0)
-        for part, panels in batches(0, self.recipe.frames):
-            if not count:
-                x, bits = (
-                    side.new_empty((self.recipe.frames, *side.shape[1:]))
-                    for side in (part, panels)
-                )
-            x[count : count + len(part)], bits[count : count + len(part)] = part, panels
-            count += len(part)
-        return self.fit(x[:count], bits[:count])
+        return self.fit(*joined(batches(0, self.recipe.frames)))
 
     def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Learn from panels (B,R,C,F); the last of them are held back for validation.
@@ -82,8 +71,8 @@ class TorchClassifier:
                 f"{len(x)} training panels are too few to hold {held_out} back for validation"
             )
         rows, target = _leds(x[:-held_out]), bits[:-held_out].reshape(-1).float()
-        self._mean, self._spread = rows.mean(dim=0), rows.std(dim=0)
-        self._spread = torch.where(self._spread > 0, self._spread, 1.0)
+        spread = rows.std(dim=0)
+        self._scale = rows.mean(dim=0), torch.where(spread > 0, spread, 1.0)
         self.module.to(x.device)
         shown = [
             rows,
@@ -113,8 +102,6 @@ class TorchClassifier:
         Raises:
             VoccError: not fitted, or the module fails or gives another number of scores.
         """
-        if self._mean is None:
-            raise VoccError("it has seen no samples: call fit first")
         self.module.eval()
         with torch.inference_mode():
             scores = self._score(self._scaled(_leds(x)))
@@ -135,12 +122,9 @@ class TorchClassifier:
         Raises:
             VoccError: not fitted.
         """
-        if self._mean is None or self._spread is None:
-            raise VoccError("it has seen no samples: call fit first")
-        learned = {
-            f"module.{name}": value for name, value in self.module.state_dict().items()
-        }
-        return {**learned, "mean": self._mean, "spread": self._spread}
+        mean, spread = fitted(self._scale)
+        learned = self.module.state_dict(prefix="module.")
+        return {**learned, "mean": mean, "spread": spread}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Take up what :meth:`state_dict` gave."""
@@ -150,13 +134,12 @@ class TorchClassifier:
             if "." in name
         }
         self.module.load_state_dict(module_state)
-        self._mean, self._spread = state["mean"], state["spread"]
+        self._scale = state["mean"], state["spread"]
 
     def _scaled(self, rows: Tensor) -> Tensor:
         """Bring inputs to mean 0 and spread 1."""
-        assert self._mean is not None
-        assert self._spread is not None
-        return (rows - self._mean) / self._spread
+        mean, spread = fitted(self._scale)
+        return (rows - mean) / spread
 
     def _score(self, rows: Tensor) -> Tensor:
         """Return the module's score of each row, (N,), or refuse another number of them."""

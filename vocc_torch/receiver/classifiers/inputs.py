@@ -6,7 +6,7 @@ from typing import Literal, Self, get_args
 
 import torch
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_within, demand_word, whole_number
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.reader import Readings
 
@@ -48,15 +48,10 @@ class Patch:
         """Check every range."""
         if self.cells not in (1, 3):
             raise VoccError.of("inputs.patch.cells", self.cells, "1 or 3")
-        if type(self.samples) is not int or not 1 <= self.samples <= 64:
-            raise VoccError.of("inputs.patch.samples", self.samples, "from 1 to 64")
-        for name, known in (("domain", Domain), ("relative", Relative)):
-            if (value := getattr(self, name)) not in get_args(known):
-                raise VoccError.of(
-                    f"inputs.patch.{name}", repr(value), " or ".join(get_args(known))
-                )
-        if not 0.1 <= self.gamma <= 10:
-            raise VoccError.of("inputs.patch.gamma", self.gamma, "from 0.1 to 10")
+        whole_number("inputs.patch.samples", self.samples, 1, 64)
+        demand_word("inputs.patch.domain", self.domain, get_args(Domain))
+        demand_word("inputs.patch.relative", self.relative, get_args(Relative))
+        demand_within("inputs.patch.gamma", self.gamma, 0.1, 10)
 
     @property
     def side(self) -> int:

@@ -2,7 +2,7 @@
 
 import io
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -87,8 +87,6 @@ class Guarded:
         self.classifier: Classifier = classifier  # type: ignore[assignment]  # checked just above
         self._agreed = False
 
-    needs_patches = True
-
     @property
     def features(self) -> tuple[str, ...]:
         """Measurements that it needs."""
@@ -116,10 +114,7 @@ class Guarded:
             streaming = self.classifier
             self._guarded("fit_stream", lambda: streaming.fit_stream(batches, frames))
             return
-        parts = list(batches(0, frames))
-        self.fit(
-            torch.cat([x for x, _ in parts]), torch.cat([bits for _, bits in parts])
-        )
+        self.fit(*joined(batches(0, frames)))
 
     def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED, (B,R,C) float64.
@@ -224,6 +219,19 @@ class Guarded:
             raise VoccError(
                 f"classifier {self.name}: {what} failed ({one_line(error)})"
             ) from error
+
+
+def fitted(learned: R | None) -> R:
+    """Give what a classifier learned, or refuse one that has not."""
+    if learned is None:
+        raise VoccError("it has seen no samples: call fit first")
+    return learned
+
+
+def joined(batches: Iterable[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
+    """Join batches of panels and their bits in memory."""
+    x, bits = map(torch.cat, zip(*batches, strict=True))
+    return x, bits
 
 
 def _unpacked(

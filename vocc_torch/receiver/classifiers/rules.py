@@ -8,7 +8,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.receiver import discriminant, foreground
-from vocc_torch.receiver.classifiers.protocol import Batches
+from vocc_torch.receiver.classifiers.protocol import Batches, fitted
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.levels import two_levels
 
@@ -65,11 +65,11 @@ class FldaClassifier(_Scored):
         Raises:
             VoccError: not fitted.
         """
-        return _fitted(self._rule).scores(x)
+        return fitted(self._rule).scores(x)
 
     def state_dict(self) -> dict[str, Tensor]:
         """The learned state: direction, threshold and centre."""
-        return _fitted(self._rule)._asdict()
+        return fitted(self._rule)._asdict()
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Take up what :meth:`state_dict` gave."""
@@ -78,14 +78,7 @@ class FldaClassifier(_Scored):
     @property
     def parameters_count(self) -> int:
         """How many numbers decide: the direction and the threshold."""
-        return _fitted(self._rule).direction.numel() + 1
-
-
-def _fitted(rule: discriminant.Discriminant | None) -> discriminant.Discriminant:
-    """Refuse a discriminant without samples."""
-    if rule is None:
-        raise VoccError("it has seen no samples: call fit first")
-    return rule
+        return fitted(self._rule).direction.numel() + 1
 
 
 class LmmseEqualizer(_Scored):
@@ -145,19 +138,15 @@ class LmmseEqualizer(_Scored):
         Raises:
             VoccError: not fitted.
         """
-        if self._weights is None or self._centres is None:
-            raise VoccError("it has seen no samples: call fit first")
+        weights, centres = fitted(self._weights), fitted(self._centres)
         rows, size = self._split(x)
-        upper = torch.bucketize(size.double(), self._centres).clamp(
-            1, max(1, self.classes - 1)
-        )
-        upper = upper.clamp(max=self.classes - 1)
+        last = self.classes - 1
+        upper = torch.bucketize(size.double(), centres).clamp(1, max(1, last))
+        upper = upper.clamp(max=last)
         lower = (upper - 1).clamp(min=0)
-        step = (self._centres[upper] - self._centres[lower]).clamp(min=1e-12)
-        share = (
-            ((size.double() - self._centres[lower]) / step).clamp(0, 1).unsqueeze(-1)
-        )
-        weights = torch.lerp(self._weights[lower], self._weights[upper], share)
+        step = (centres[upper] - centres[lower]).clamp(min=1e-12)
+        share = ((size.double() - centres[lower]) / step).clamp(0, 1).unsqueeze(-1)
+        weights = torch.lerp(weights[lower], weights[upper], share)
         return (rows * weights[:, None, None]).sum(dim=-1)
 
     @property

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from vocc_torch.errors import VoccError, whole_number
+from vocc_torch.errors import VoccError, demand_least
 from vocc_torch.files import read_file, write_atomically
 from vocc_torch.sources import package_digest
 
@@ -56,9 +56,9 @@ class TrainingRecipe:
 
     def __post_init__(self) -> None:
         """Check every range."""
-        least = {"frames": 2, "epochs": 1, "patience": 1, "batch_leds": 1, "seed": 0}
-        for name, low in least.items():
-            whole_number(f"training.{name}", getattr(self, name), low)
+        demand_least(
+            "training.", self, frames=2, epochs=1, patience=1, batch_leds=1, seed=0
+        )
         for name, fits, rule in (
             ("validation", 0 < self.validation < 1, "above 0 and below 1"),
             ("learning_rate", 0 < self.learning_rate < math.inf, "above 0"),

@@ -1,8 +1,9 @@
 """A locator from outside, held to the protocol."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import torch
 from torch import Tensor
@@ -22,6 +23,18 @@ from vocc_torch.types import (
 
 UNSTATED_LIMIT = 1e-3
 """False alarms at which a panel is found by a function that states them."""
+
+
+KINDS = {
+    "frame": torch.int64,
+    "corners_px": torch.float64,
+    "found": torch.bool,
+    "score": torch.float64,
+    "candidates": torch.int64,
+}
+"""Types of what panels and candidates hold."""
+
+Answer = TypeVar("Answer", Panels, Candidates)
 
 
 @dataclass(frozen=True)
@@ -102,24 +115,14 @@ class OutsideLocator(PanelLocator):
             raise VoccError(
                 f"locator {self.plug_in.name} gave false_alarms of {shown(alarms)}: {rule}"
             )
-        sizes = {"frame": (count,), "corners_px": (count, 4, 2), "score": (count,)}
-        for part, size in sizes.items():
-            self._demand(part, getattr(found, part), size)
+        found = self._checked(replace(found, false_alarms=alarms.double()), count)
         if count and not 0 <= int(found.frame.min()) <= int(found.frame.max()) < len(
             frames
         ):
             raise VoccError(
                 f"locator {self.plug_in.name} saw panels in frames that it was not given"
             )
-        self._demand_area(
-            found.corners_px, torch.ones(count, dtype=torch.bool, device=alarms.device)
-        )
-        return Candidates(
-            found.frame.long(),
-            found.corners_px.double(),
-            found.score.double(),
-            alarms.double(),
-        )
+        return found
 
     def __call__(self, frames: Images, shape: PanelShape) -> Panels:
         """Find the panel of each frame.
@@ -132,16 +135,7 @@ class OutsideLocator(PanelLocator):
             return super().__call__(frames, shape)
         frames = Frames.of(frames)
         panels: Panels = self._answer(self.plug_in.made, frames, shape, Panels)
-        kinds = {"found": torch.bool, "score": torch.float64, "candidates": torch.int64}
-        for part in Panels.__slots__:
-            size = (len(frames), *(() if part in kinds else (4, 2)))
-            self._demand(part, getattr(panels, part), size)
-        self._demand_area(panels.corners_px, panels.found.bool())
-        parts = {
-            name: getattr(panels, name).to(kinds.get(name, torch.float64))
-            for name in Panels.__slots__
-        }
-        return replace(panels, **parts)
+        return self._checked(panels, len(frames))
 
     def _answer(
         self, call: Callable[..., Any], frames: Frames, shape: PanelShape, kind: type
@@ -161,22 +155,28 @@ class OutsideLocator(PanelLocator):
         demand_kind(f"{name}: its answer", answer, kind)
         return answer
 
-    def _demand(self, part: str, value: object, size: tuple[int, ...]) -> None:
-        """Refuse a part of an answer that is no finite tensor of a size."""
-        if (
-            not isinstance(value, Tensor)
-            or value.shape != size
-            or not holds(value.isfinite())
-        ):
-            said = f"locator {self.plug_in.name} gave {part} of {kind_of(value)}"
-            raise VoccError(f"{said}: it must be a finite tensor of {size}")
+    def _checked(self, answer: Answer, count: int) -> Answer:
+        """Give an answer of ``count`` panels in its types.
 
-    def _demand_area(self, corners_px: Tensor, found: Tensor) -> None:
-        """Refuse panels that were found with corners (n,4,2) that are not clockwise about an area."""
-        x, y = corners_px.double().unbind(2)
+        Raises:
+            VoccError: a part that is no finite tensor of its size, or panels that were found with corners
+                that are not clockwise about an area.
+        """
+        said, parts = f"locator {self.plug_in.name} gave", {}
+        for part in filter(answer.__dataclass_fields__.__contains__, KINDS):
+            value = getattr(answer, part)
+            size = (count, 4, 2) if part == "corners_px" else (count,)
+            if (
+                not isinstance(value, Tensor)
+                or value.shape != size
+                or not holds(value.isfinite())
+            ):
+                rule = f"it must be a finite tensor of {size}"
+                raise VoccError(f"{said} {part} of {kind_of(value)}: {rule}")
+            parts[part] = value.to(KINDS[part])
+        x, y = parts["corners_px"].unbind(2)
         doubled = (x * y.roll(-1, 1) - x.roll(-1, 1) * y).sum(dim=1)
-        if not holds((doubled > 0) | ~found):
+        if not holds((doubled > 0) | ~parts.get("found", doubled < math.inf)):
             rule = "clockwise from the top left, or the panel not found"
-            raise VoccError(
-                f"locator {self.plug_in.name} gave corners that enclose nothing: they must be {rule}"
-            )
+            raise VoccError(f"{said} corners that enclose nothing: they must be {rule}")
+        return replace(answer, **parts)

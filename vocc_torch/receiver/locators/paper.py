@@ -1,7 +1,7 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, Self
 
 import numpy as np
 import torch
@@ -36,20 +36,6 @@ class LadderSettings:
 LADDER = LadderSettings()
 
 
-class Stages(NamedTuple):
-    """What the locator computes on its way, for figures.
-
-    Args:
-        threshold: (B,) int64, Otsu's threshold.
-        mask: (B,1,H,W) bool, the foreground.
-        closed: (B,1,H,W) bool, the foreground closed at the first level.
-    """
-
-    threshold: Tensor
-    mask: Tensor
-    closed: Tensor
-
-
 def quantised(grey: Tensor) -> Tensor:
     """Round floating grey values to uint8, clamped to 0 to 255; uint8 passes as it is.
 
@@ -73,20 +59,6 @@ def quantised(grey: Tensor) -> Tensor:
     return grey.round().clamp(0, 255).to(torch.uint8)
 
 
-def paper_stages(frames: Frames, closing_px: int = 11) -> Stages:
-    """Compute the threshold, the mask and the closed mask of each frame, for figures.
-
-    Example:
-        >>> stages = paper_stages(Frames.whole(torch.tensor([[[0, 9, 0, 9, 0]]], dtype=torch.uint8)), 3)
-        >>> stages.threshold.tolist(), stages.closed.int().flatten().tolist()
-        ([0], [0, 1, 1, 1, 0])
-    """
-    exact = exact_frames(frames)
-    threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
-    mask = exact.grey > threshold.view(-1, 1, 1, 1)
-    return Stages(threshold, mask, components.close_mask(mask, closing_px))
-
-
 @dataclass(frozen=True, slots=True)
 class Choice(Panels):
     """The panels chosen so far, of which some can be taken and overwritten; zeros where there is none.
@@ -104,14 +76,8 @@ class Choice(Panels):
         """Start with nothing chosen."""
         panels = no_panels(masks, device)
         count = panels.candidates
-        return cls(
-            panels.corners_px,
-            panels.found,
-            panels.score,
-            count,
-            count.new_zeros(masks, 2),
-            count.clone(),
-        )
+        values = panels.corners_px, panels.found, panels.score, count
+        return cls(*values, count.new_zeros(masks, 2), count.clone())
 
 
 @dataclass(frozen=True)
@@ -189,7 +155,7 @@ class PaperLocator(LocatorLimits, PanelLocator):
         """
         demand_kind("shape", shape, PanelShape)
         exact = foreground.trimmed(exact_frames(frames))
-        threshold = foreground.otsu_threshold(foreground.sensor_histogram(exact))
+        threshold = foreground.sensor_threshold(exact)
         dark = torch.ones_like(threshold, dtype=torch.bool)
         if exact.surround is not None:
             dark = exact.surround.round() <= threshold

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, demand_kind, finite_number
+from vocc_torch.errors import demand_kind, demand_within
 from vocc_torch.receiver import foreground, lattice_fit, lattice_model, resample
 from vocc_torch.receiver.locators.detector import DetectorLocator
 from vocc_torch.receiver.locators.paper import (
@@ -94,8 +94,7 @@ class RefinedLocator(PanelLocator):
     def __post_init__(self) -> None:
         """Refuse a share out of its range."""
         demand_kind("paper", self.paper, PaperLocator)
-        if not 0 <= finite_number("location.min_share", self.min_share) <= 1:
-            raise VoccError.of("location.min_share", self.min_share, "0 to 1")
+        demand_within("location.min_share", self.min_share, 0, 1)
 
     @classmethod
     def of(cls, paper: PaperLocator, false_alarms: float) -> "RefinedLocator":

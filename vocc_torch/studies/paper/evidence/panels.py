@@ -4,7 +4,8 @@ import numpy as np
 import torch
 
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.receiver.locators.paper import paper_stages
+from vocc_torch.receiver.foreground import sensor_threshold
+from vocc_torch.receiver.locators.paper import exact_frames
 from vocc_torch.report.led_plots import Picture, picture_figure
 from vocc_torch.studies.paper.evidence import PaperFigure
 from vocc_torch.studies.paper.evidence.sample import Source, paper_scene
@@ -44,8 +45,7 @@ def frame_threshold(source: Source, title: str) -> PaperFigure:
     scene, bits = paper_scene(), source.bits("histogram")
     simulator = source.plan.world.simulator()
     frames = simulator.render(scene, bits)
-    closing_px = source.plan.receiver.location.closing_px
-    threshold = float(paper_stages(frames, closing_px).threshold)
+    threshold = float(sensor_threshold(exact_frames(frames)))
     seen = source.read(simulator, scene, bits)
     panel = seen.patches[0, 0].double().numpy()
     numbers = {
