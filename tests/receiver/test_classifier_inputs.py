@@ -73,9 +73,18 @@ def test_features_first_then_the_patch_then_level_and_pitch():
         ({"features": "agr"}, ["inputs.features", "list"]),
         ({"patch": 3}, ["inputs.patch", "mapping"]),
         ({"patch": {"cells": 2}}, ["inputs.patch.cells", "1 or 3"]),
-        ({"patch": {"samples": 0}}, ["inputs.patch.samples", "1 to 64"]),
-        ({"patch": {"domain": "light"}}, ["inputs.patch.domain", "grey or exposure"]),
-        ({"patch": {"gamma": 0}}, ["inputs.patch.gamma", "0.1 to 10"]),
+        (
+            {"patch": {"samples": 0}},
+            ["inputs.patch.samples", "at least 1 and at most 64"],
+        ),
+        (
+            {"patch": {"domain": "light"}},
+            ["inputs.patch.domain", "one of grey, exposure"],
+        ),
+        (
+            {"patch": {"gamma": 0}},
+            ["inputs.patch.gamma", "at least 0.1 and at most 10"],
+        ),
         ({"patch": {"colour": 1}}, ["inputs.patch.colour", "known are"]),
         ({"kind": "features"}, ["inputs.kind", "known are"]),
     ],
