@@ -289,7 +289,8 @@ class Frames(Batched):
             raise VoccError(
                 f"grey has shape {tuple(grey.shape)}: it must be (H,W), (B,H,W) or (B,1,H,W)"
             )
-        origin = planes.new_zeros(len(planes), 2, dtype=torch.int64)
+        # Not len(planes), which makes the number of frames a constant in an exported graph.
+        origin = planes.new_zeros(planes.shape[0], 2, dtype=torch.int64)
         return cls(planes, origin, (planes.shape[-2], planes.shape[-1]))
 
     @classmethod
