@@ -8,6 +8,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
+from vocc_torch.errors import VoccError
 from vocc_torch.receiver.detector import scout
 from vocc_torch.receiver.detector.judge import Judge
 from vocc_torch.receiver.detector.placer import Placer
@@ -309,6 +310,18 @@ def test_training_is_the_same_where_it_was_interrupted(
         for kept in ("net", "mean")
         for name in fresh
     )
+
+
+@pytest.mark.parametrize("damage", ["earlier", "cut", "text"])
+def test_another_training_is_refused_by_its_file(damage, tmp_path):
+    path = tmp_path / "scout.pt"
+    torch.save({"net": Scout().state_dict(), "done": 3}, path)
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[:700])
+    if damage == "text":
+        path.write_text("no training")
+    with pytest.raises(VoccError, match=r"scout\.pt is no training of this version"):
+        run.current(tmp_path, CPU)
 
 
 def test_the_mean_of_weights_forgets_the_first_ones():

@@ -76,7 +76,7 @@ class Ticks(NamedTuple):
     times_s: list[float | None]
 
 
-class Waiting(NamedTuple):
+class PendingFrame(NamedTuple):
     """A frame that is not settled yet.
 
     Args:
@@ -128,7 +128,7 @@ class SymbolClock:
         self._anchors = kind == "anchor"
         self._lit: Floats | None = None
         self._value = np.zeros(layout.symbols * layout.bands, dtype=np.float32)
-        self._frames: list[Waiting] = []
+        self._frames: list[PendingFrame] = []
         self._last: float | None = None
         self._doubted = np.zeros(0, dtype=bool)
         self._unit: int | None = None
@@ -160,7 +160,7 @@ class SymbolClock:
                 ahead = max(0.0, (time_s - self._last) * rate_hz)
             self._last = time_s
             back, units = self._advance(likelihood, ahead), ahead * self.layout.bands
-            self._frames.append(Waiting(row, time_s, likelihood, back, units))
+            self._frames.append(PendingFrame(row, time_s, likelihood, back, units))
         settled = len(self._frames) - DELAY
         return self._settle(settled) if settled >= DELAY else None
 

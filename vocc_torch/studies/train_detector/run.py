@@ -2,13 +2,17 @@
 
 import math
 import os
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
+from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.detector.weights import PARTS, SHIPPED, Networks
@@ -75,12 +79,25 @@ def current(folder: Path, device: torch.device) -> Networks:
         networks = Networks.fresh()
     for part in PARTS:
         if (folder / f"{part}.pt").exists():
-            state = torch.load(
-                folder / f"{part}.pt", weights_only=True, map_location=device
-            )
+            state = read_state(folder / f"{part}.pt", device)
             getattr(networks, part).load_state_dict(state["mean"])
     networks.parts().to(device)
     return networks
+
+
+def read_state(path: Path, device: torch.device) -> dict[str, Any]:
+    """Read what :func:`train_part` keeps.
+
+    Raises:
+        VoccError: a file that is damaged, or of another version.
+    """
+    state: object = None
+    with suppress(EOFError, RuntimeError, UnpicklingError):
+        state = torch.load(path, weights_only=True, map_location=device)
+    if not isinstance(state, dict) or {*state} != {"net", "mean", "optimiser", "done"}:
+        rule = "is no training of this version: remove it, or choose another name="
+        raise VoccError(f"{path} {rule}")
+    return state
 
 
 def train_part(
@@ -111,7 +128,7 @@ def train_part(
     )
     done, mean = 0, deepcopy(net)
     if path.exists():
-        state = torch.load(path, weights_only=True, map_location=device)
+        state = read_state(path, device)
         net.load_state_dict(state["net"])
         mean.load_state_dict(state["mean"])
         optimiser.load_state_dict(state["optimiser"])
