@@ -498,7 +498,7 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
     mapped = cell_homography if frames.grey.is_cpu else _homography
     homography = mapped(panels.corners_px.double(), shape)
     middles = (
-        sample_cells(leds, 1, 0).to(homography.device)
+        torch.arange(leds, dtype=torch.float64, device=homography.device) + 0.5
         for leds in (shape.columns, shape.rows)
     )
     height, width = frames.grey.shape[-2:]

@@ -152,7 +152,7 @@ def led_stamps(
         VoccError: an LED whose image is wider than 100000 px.
     """
     scene, panel, origin = context.scene, context.panel, context.first_px
-    leds, at = panel.shape.leds, view.led_centres_m(panel).to(scene.distance_m)
+    leds, at = panel.shape.leds, view.led_centres_m(panel)
     radius_m = torch.full_like(scene.distance_m, panel.led_diameter_m / 2)
     radius_m = radius_m.view(-1, 1, 1) if look is None else look.radius_m
     upright = not view.in_perspective(context.effects)
@@ -162,6 +162,7 @@ def led_stamps(
         radius = radius_m.flatten() * context.camera.pixels_per_metre(scene.distance_m)
         widest = 2 * radius
     else:
+        at = at.to(scene.distance_m)
         centre, spread = view.view_of(context).discs_px(at, radius_m)
         centre = centre - origin.unsqueeze(1)
         widest = 2 * raster.reach_of(spread).amax(dim=(1, 2))
@@ -177,6 +178,7 @@ def led_stamps(
         square = look.square.flatten()
         single = (~square).nonzero().flatten().tolist()
         half_m = look.radius_m.unsqueeze(-1)
+        at = at.to(scene.distance_m)
         yield from background.cell_patches(at, half_m, size, context, square)
     if upright:
         # By powers of two, so that a near panel does not make all patches large.
