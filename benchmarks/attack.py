@@ -101,11 +101,11 @@ class Ran:
 
     @property
     def refused(self) -> bool:
-        """Whether it was refused in one line of ours, the same for every job."""
-        lines = {*self.said.splitlines()}
-        lines = {text for text in lines if not text.startswith("vocc-torch: warning:")}
+        """Whether it was refused in one line of ours."""
+        lines = self.said.splitlines()
+        lines = [text for text in lines if not text.startswith("vocc-torch: warning:")]
         start = "vocc-torch: error:"
-        return self.status == 2 and len(lines) == 1 and lines.pop().startswith(start)
+        return self.status == 2 and len(lines) == 1 and lines[0].startswith(start)
 
 
 @dataclass

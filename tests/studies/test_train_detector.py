@@ -8,6 +8,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
+from vocc_torch import load_scene
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.detector import scout
 from vocc_torch.receiver.detector.judge import Judge
@@ -71,6 +72,17 @@ def test_a_block_is_the_same_again(tmp_path):
     first, again = (np.load(tmp_path / name / "b.npz") for name in ("first", "again"))
     assert first["grey"].shape == (2, 240, 320)
     assert all(np.array_equal(first[name], again[name]) for name in first.files)
+
+
+def test_frames_are_rendered_on_the_cpu(tmp_path, monkeypatch):
+    """Also where scenes would be simulated on a GPU."""
+
+    def on_gpu(*words):
+        return replace(load_scene(*words), device="cuda")
+
+    monkeypatch.setattr(pool, "load_scene", on_gpu)
+    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "paper", 8, 8, 3))
+    assert np.load(tmp_path / "b.npz")["grey"].shape == (2, 240, 320)
 
 
 def test_crops_are_put_back_into_their_frames(tmp_path):
