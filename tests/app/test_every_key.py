@@ -11,17 +11,22 @@ import yaml
 from composing import NOWHERE, built, composed
 
 from vocc_torch.app.config import AppConfig
-from vocc_torch.app.resolve import key_of, refuse_without_effect, said
-from vocc_torch.app.tasks import TASKS, demand_used
+from vocc_torch.app.resolve import (
+    demand_used,
+    key_of,
+    refuse_without_effect,
+    said,
+)
+from vocc_torch.app.tasks import TASKS
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.record_task import with_panel_of
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.extras.messages.transmit_task import plan_of
-from vocc_torch.hardware import Camera, PanelShape
+from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.build import build_panel, build_plan, receiver_plan
 from vocc_torch.measure.config import ClassifierSettings, Experiment
 from vocc_torch.measure.plan import identity
-from vocc_torch.measure.schema import has_key, keys_of, whole
+from vocc_torch.measure.schema import keys_of
 from vocc_torch.studies import run as study_run
 from vocc_torch.studies.compare import Severity, report
 from vocc_torch.studies.decode import decoder
@@ -101,8 +106,6 @@ def of(task):
         getattr(getattr(settings, section), name)
         for section, names in several.items()
         for name in names
-        if has_key(type(settings), f"{section}.{name}")
-        and hasattr(getattr(settings, section), name)
     ]
     if task in ("classifiers", "tradeoff"):
         mappings.append(settings.classifiers)
@@ -153,7 +156,7 @@ def spent(settings):
     if task == "train_detector":
         return settings.seed, settings.train_detector
     if task == "calibrate":
-        panel, camera = build_panel(settings.panel), whole(Camera, settings.camera)
+        panel, camera = build_panel(settings.panel), settings.camera
         plan = receiver_plan(settings, panel)
         limits = plan.locator, plan.location, plan.false_alarms
         return panel, camera, limits, settings.calibrate

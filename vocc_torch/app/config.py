@@ -16,6 +16,7 @@ from hydra.core.plugins import Plugins
 from hydra.plugins.config_source import ConfigResult
 from omegaconf import OmegaConf
 
+from vocc_torch.app.tasks import Task, covers, task_named
 from vocc_torch.errors import VoccError, shown
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.messages.config import (
@@ -85,6 +86,27 @@ class AppConfig(Settings):
             rule = f"{finders} for task={self.task}: a recording has no true corners"
             raise VoccError.of("receiver.locator", "'truth'", rule)
 
+    def plain(self) -> dict[str, Any]:
+        """Give the plain values of the keys that the task uses."""
+        return used(super().plain(), task_named(self.task))
+
+
+def used(plain: Mapping[str, Any], task: Task, section: str = "") -> dict[str, Any]:
+    """Leave out of plain values the keys that a task does not use.
+
+    Args:
+        plain: the values of a section.
+        task: whose keys stay. What no task has stays too, to be refused.
+        section: where they are, with a point at its end.
+    """
+    values, known = dict[str, Any](), keys_of(AppConfig)
+    for name, value in plain.items():
+        key = f"{section}{name}"
+        if key not in known or covers(task.keys, key):
+            nested = is_dataclass(known.get(key)) and isinstance(value, dict)
+            values[name] = used(value, task, f"{key}.") if nested else value
+    return values
+
 
 def inside_runs(folder: str | Path) -> bool:
     """Whether a folder is below ``runs/``, where links have led too; ``runs`` itself may be a link.
@@ -137,14 +159,9 @@ NAMES = {
 """What the help lists by name: it does not wait for torch, which what defines them needs."""
 
 
-def described(plain: Mapping[str, Any], schema: type) -> str:
-    """Write a configuration as YAML, each key below its description.
-
-    Args:
-        plain: the configuration.
-        schema: its class, whose docstring and those of its sections describe the keys.
-    """
-    said = descriptions(schema)
+def described(plain: Mapping[str, Any]) -> str:
+    """Write a configuration as YAML, each key below its description."""
+    said = descriptions(AppConfig)
     lines: list[str] = []
     path: list[str] = []
     for line in OmegaConf.to_yaml(OmegaConf.create(dict(plain))).splitlines():

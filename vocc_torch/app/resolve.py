@@ -10,17 +10,18 @@ from hydra.errors import HydraException, MissingConfigException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from vocc_torch.app.config import AppConfig, described
-from vocc_torch.app.tasks import demand_used, is_brought, schema_of
+from vocc_torch.app.config import AppConfig, described, used
+from vocc_torch.app.tasks import TASKS, Task, covers, task_named
 from vocc_torch.errors import VoccError, section, stdout_refusal
 from vocc_torch.measure.schema import (
+    has_key,
+    keys_of,
     merge,
     options_of,
     parsed,
     refusal,
     refusals,
     refuse_shadowed,
-    within,
 )
 
 AUTO = "auto"
@@ -34,15 +35,13 @@ def task_plain(root: DictConfig) -> dict[str, Any]:
     """Give what Hydra composed as plain values, with every key that the task has."""
     plain: Any = OmegaConf.to_container(root)
     plain.pop("hydra", None)
-    schema = schema_of(str(plain["task"]))
-    merged = merge(schema, within(schema, plain, AppConfig))
-    return dict[str, Any](OmegaConf.to_container(merged))  # type: ignore[arg-type]  # a mapping
+    task = task_named(str(plain["task"]))
+    merged: Any = OmegaConf.to_container(merge(AppConfig, used(plain, task)))
+    return used(merged, task)
 
 
 OmegaConf.register_new_resolver(
-    "described",
-    lambda _root_: described(task_plain(_root_), schema_of(_root_.task)),
-    replace=True,
+    "described", lambda _root_: described(task_plain(_root_)), replace=True
 )
 
 GROUPS = (
@@ -129,16 +128,20 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
         plain: Any = OmegaConf.to_container(config, resolve=True)
     except (OmegaConfBaseException, RecursionError) as error:
         raise VoccError(complaint(error)) from None
-    task, words = str(plain.get("task")), [typed_word(word) for word in words]
-    schema = schema_of(task)
+    name, words = str(plain.get("task")), [typed_word(word) for word in words]
+    task = task_named(name)
     for word in words:
-        if word != f"experiment={task}":
-            demand_used(task, key_of(word), said(word))
+        if word != f"experiment={name}":
+            demand_used(name, key_of(word), said(word))
     if plain.get("model") == AUTO:
-        trains = any(is_brought(task, key_of(word)) for word in words)
+        trains = any(covers(task.brought, key_of(word)) for word in words)
         plain["model"] = None if trains else SHIPPED
-    merged = merge(schema, within(schema, plain, AppConfig))
-    with refusals(schema):
+    keys = keys_of_task(task)
+    with refusals(keys):
+        merged = merge(AppConfig, used(plain, task))
+        for key in OmegaConf.missing_keys(merged) & {*keys_of(AppConfig)} - {*keys}:
+            kind = keys_of(AppConfig)[key]
+            OmegaConf.update(merged, key, None if kind is Any else kind())
         # Classes that several keys have name their errors by the key of another.
         for place, usual, node in sections(merged):
             with section(place, before=usual):
@@ -149,14 +152,35 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
     return cast(AppConfig, settings)
 
 
+def keys_of_task(task: Task) -> dict[str, Any]:
+    """List the keys that a task uses, and their types."""
+    return {
+        key: kind for key, kind in keys_of(AppConfig).items() if covers(task.keys, key)
+    }
+
+
+def demand_used(task: str, key: str, said: str) -> None:
+    """Refuse a key that other tasks have.
+
+    Args:
+        task: that runs.
+        key: or a section.
+        said: the key and its value.
+
+    Raises:
+        VoccError: with the tasks that have it.
+    """
+    if has_key(AppConfig, key) and not covers(TASKS[task].keys, key):
+        users = ", ".join(name for name in TASKS if covers(TASKS[name].keys, key))
+        raise VoccError(f"{said}: task={task} does not use it, only {users}")
+
+
 def sections(merged: DictConfig) -> Iterator[tuple[str, str, DictConfig]]:
     """List the sections of a configuration whose class has a key elsewhere too, with that key."""
-    if "messages" in merged:
-        yield "messages.record", "record", merged.messages.record
-        yield "messages.signalling", "transmit", merged.messages.signalling
+    yield "messages.record", "record", merged.messages.record
+    yield "messages.signalling", "transmit", merged.messages.signalling
     for part in ("rivals", "figures"):
-        named = merged[part].experiments.items() if part in merged else ()
-        for name, node in named:
+        for name, node in merged[part].experiments.items():
             yield f"{part}.experiments.{name}", "experiment", node
 
 
@@ -209,7 +233,7 @@ def refuse_without_effect(settings: AppConfig, words: Sequence[str]) -> None:
         key = key_of(word)
         group, _, name = key.partition(".")
         rule = ""
-        if model and is_brought(task, key):
+        if model and covers(TASKS[task].brought, key):
             key = "classifier" if key == "classifiers" else key
             rule = f"the model brings its own; leave {key} or model out"
         elif key == "plug_ins" and model in (None, SHIPPED):
@@ -253,7 +277,7 @@ def complaint(error: BaseException) -> str:
             options = ", ".join(cause.options or options_of(group))
             return f"{group} is {name!r}: it must be one of {options}"
         if isinstance(cause, OmegaConfBaseException) and cause.full_key:
-            return refusal(cause, AppConfig)
+            return refusal(cause, keys_of(AppConfig))
     return " ".join(str(error).split("Set the environment variable")[0].split())
 
 

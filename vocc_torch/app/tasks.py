@@ -1,16 +1,13 @@
 """The tasks: what runs each, and the keys that its configuration has."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields
-from functools import cache
+from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
 import yaml
 
-from vocc_torch.app.config import AppConfig
-from vocc_torch.errors import VoccError, demand_word
-from vocc_torch.measure.schema import has_key, keys_of, part_of
+from vocc_torch.errors import demand_word
 
 
 @dataclass(frozen=True)
@@ -19,7 +16,7 @@ class Task:
 
     Args:
         run: its function, below ``vocc_torch``.
-        keys: keys and sections of its configuration, beside ``task`` and ``name``.
+        keys: keys and sections of its configuration, such as ``receiver -names``.
         part: the section that is its own, or None.
         brought: keys that a model file sets in their stead.
     """
@@ -34,26 +31,37 @@ class Task:
         cls, run: str, keys: Any, part: str | None = None, brought: Any = ()
     ) -> "Task":
         """Read a task as ``tasks.yaml`` has it."""
-        return cls(run, tuple(expanded(keys)), part, tuple(expanded(brought)))
+        entries = ["task", "name", *flat(keys)]
+        if part is not None and not covers(entries, part):
+            entries.append(part)
+        return cls(run, tuple(entries), part, tuple(flat(brought)))
 
 
-def expanded(entries: Iterable[Any]) -> Iterator[str]:
-    """Give the keys of nested lists; of a section that lacks some keys all others.
-
-    Example:
-        >>> list(expanded(["seed", ["executor -kind"]]))
-        ['seed', 'executor.address']
-    """
+def flat(entries: Iterable[Any]) -> Iterator[str]:
+    """Give the entries of nested lists."""
     for entry in entries:
         if isinstance(entry, list):
-            yield from expanded(entry)
-            continue
+            yield from flat(entry)
+        else:
+            yield entry
+
+
+def covers(entries: Iterable[str], key: str) -> bool:
+    """Whether a key, or any key of a section, is among some entries.
+
+    Example:
+        >>> entries = ["executor -kind", "budget.frames"]
+        >>> [covers(entries, key) for key in ("executor.kind", "executor.address", "budget")]
+        [False, True, True]
+    """
+    for entry in entries:
         section, *lacking = entry.split(" -")
-        if not lacking:
-            yield section
-        for item in fields(keys_of(AppConfig)[section]) if lacking else ():
-            if item.name not in lacking:
-                yield f"{section}.{item.name}"
+        below = key.removeprefix(f"{section}.")
+        if f"{section}.".startswith(f"{key}."):
+            return True
+        if below != key and below.partition(".")[0] not in lacking:
+            return True
+    return False
 
 
 TASKS = {
@@ -64,40 +72,11 @@ TASKS = {
 }
 
 
-@cache
-def schema_of(task: str) -> type[AppConfig]:
-    """Give the class of a task's configuration, which has the keys that the task uses.
+def task_named(name: str) -> Task:
+    """Give a task.
 
     Raises:
         VoccError: nothing of that name.
     """
-    demand_word("task", task, TASKS)
-    keys, part = TASKS[task].keys, TASKS[task].part
-    if part is not None and not any(key.startswith(f"{part}.") for key in keys):
-        keys = (*keys, part)
-    schema: type[AppConfig] = part_of(AppConfig, ("task", "name", *keys))
-    return schema
-
-
-def demand_used(task: str, key: str, said: str) -> None:
-    """Refuse a key that other tasks have.
-
-    Args:
-        task: that runs.
-        key: or a section.
-        said: the key and its value.
-
-    Raises:
-        VoccError: with the tasks that have it.
-    """
-    if has_key(AppConfig, key) and not has_key(schema_of(task), key):
-        users = ", ".join(name for name in TASKS if has_key(schema_of(name), key))
-        raise VoccError(f"{said}: task={task} does not use it, only {users}")
-
-
-def is_brought(task: str, key: str) -> bool:
-    """Whether a model file sets a key, or any key of a section."""
-    return any(
-        f"{key}.".startswith(f"{other}.") or f"{other}.".startswith(f"{key}.")
-        for other in TASKS[task].brought
-    )
+    demand_word("task", name, TASKS)
+    return TASKS[name]

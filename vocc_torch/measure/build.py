@@ -10,19 +10,16 @@ import torch
 
 from vocc_torch.distributions import SCENE_FIELDS, parsed_scene
 from vocc_torch.errors import VoccError, demand_word, section
-from vocc_torch.hardware import Camera, LedPanel, PanelShape
+from vocc_torch.hardware import LedPanel, PanelShape
 from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import (
-    Budget,
     ClassifierSettings,
-    Experiment,
     PanelSettings,
     ReceiverParts,
     Settings,
     WorldSettings,
     effect_settings,
 )
-from vocc_torch.measure.schema import whole
 from vocc_torch.plugins import TARGET, PlugIn, is_target
 from vocc_torch.receiver import bank, reader
 from vocc_torch.receiver.classifiers import Inputs, training
@@ -57,7 +54,7 @@ def build_world(settings: WorldSettings) -> plans.World:
             for name, value in vars(scene.camera).items()
             if value is not None
         }
-        camera = whole(Camera, settings.camera, **changes)
+        camera = replace(settings.camera, **changes)
     return plans.World(
         camera=camera,
         panel=build_panel(settings.panel),
@@ -78,7 +75,7 @@ def build_panel(settings: PanelSettings) -> LedPanel:
         VoccError: a value outside its range, named by its key.
     """
     # The section has rows and columns beside what LedPanel has.
-    panel: Any = asdict(whole(PanelSettings, settings))
+    panel: Any = asdict(settings)
     return LedPanel(shape=PanelShape(panel.pop("rows"), panel.pop("columns")), **panel)
 
 
@@ -92,8 +89,7 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
     Raises:
         VoccError: a value outside its range, named by its key.
     """
-    world, budget = build_world(settings), whole(Budget, settings.budget)
-    experiment = whole(Experiment, settings.experiment)
+    world, budget = build_world(settings), settings.budget
     if budget.sampling and settings.task != "test":
         rule = f"null for task={settings.task}: only task=test uses it"
         raise VoccError.of("budget.sampling", budget.sampling, rule)
@@ -101,7 +97,7 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         settings, world.panel, settings.task in ("train", "decode", "receive")
     )
     draws = (settings.seed, settings.batch_frames)
-    return plans.Plan(world, receivers, experiment, budget, folder, *draws)
+    return plans.Plan(world, receivers, settings.experiment, budget, folder, *draws)
 
 
 def receiver_plan(

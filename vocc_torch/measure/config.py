@@ -435,10 +435,14 @@ class Settings(ReceiverParts, WorldSettings, RunSettings):
         """Check the names."""
         demand_file_word("experiment.name", self.experiment.name)
 
+    def plain(self) -> dict[str, Any]:
+        """Give the plain values, as they are saved."""
+        return asdict(self)
+
 
 def as_yaml(settings: Settings) -> str:
     """Write the configuration as YAML text."""
-    return OmegaConf.to_yaml(OmegaConf.create(asdict(settings)))
+    return OmegaConf.to_yaml(OmegaConf.create(settings.plain()))
 
 
 def effect_settings(

@@ -4,11 +4,11 @@ import difflib
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import field, fields, is_dataclass, make_dataclass
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import resources
 from types import NoneType
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast, get_origin
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_origin
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
@@ -77,52 +77,6 @@ def keys_of(schema: type, prefix: str = "") -> dict[str, Any]:
     return keys
 
 
-@cache
-def part_of(schema: type, keys: tuple[str, ...]) -> type:
-    """Derive a section that has some keys of a schema; in its objects the others are constants.
-
-    Args:
-        schema: a dataclass.
-        keys: names of fields, and with dots those of sections.
-
-    Example:
-        >>> from vocc_torch.measure.config import Budget
-        >>> part = part_of(Budget, ("training_frames",))(training_frames=9)
-        >>> part, part.frames
-        (Budget(training_frames=9), 1024)
-    """
-    hints, changes = typing.get_type_hints(schema), list[tuple[str, Any, Any]]()
-    for item in fields(schema):
-        below = [
-            key.partition(".")[2] for key in keys if key.split(".")[0] == item.name
-        ]
-        kind: Any = hints[item.name]
-        if below and "" not in below:
-            section = part_of(kind, tuple(below))
-            changes.append((item.name, section, field(default_factory=section)))
-        elif not below:
-            usual: Any = item.default
-            if isinstance(kind, type) and is_dataclass(kind):
-                usual = kind()
-            elif callable(item.default_factory):
-                usual = item.default_factory()
-            changes.append((item.name, ClassVar[Any], usual))
-    frozen = schema.__dataclass_params__.frozen  # type: ignore[attr-defined]  # a dataclass
-    return make_dataclass(schema.__name__, changes, bases=(schema,), frozen=frozen)
-
-
-def whole(schema: type[Section], section: Section, **changes: Any) -> Section:
-    """Give an object of a class that :func:`part_of` derived as one of the schema itself.
-
-    Example:
-        >>> from vocc_torch.measure.config import Budget
-        >>> whole(Budget, part_of(Budget, ("frames",))(frames=9), trainings=2).trainings
-        2
-    """
-    names = {item.name for item in fields(schema)} - set(changes)  # type: ignore[arg-type]  # a dataclass
-    return schema(**{name: getattr(section, name) for name in names}, **changes)
-
-
 def has_key(schema: type, key: str) -> bool:
     """Whether a schema has a key or section; below a mapping every key is possible.
 
@@ -138,37 +92,14 @@ def has_key(schema: type, key: str) -> bool:
     return key in keys or get_origin(keys.get(parent)) is dict
 
 
-def within(schema: type, plain: Any, known: type) -> Any:
-    """Leave out of plain values the keys of a larger schema that a schema does not have.
-
-    Args:
-        schema: whose keys stay.
-        plain: a mapping. What neither schema has stays too, to be refused.
-        known: the larger schema.
-    """
-    if not isinstance(plain, dict) or schema is known:
-        return plain
-    kinds, larger = typing.get_type_hints(schema), typing.get_type_hints(known)
-    names = {item.name for item in fields(schema)}
-    dropped = {item.name for item in fields(known)} - names
-    return {
-        name: within(kinds[name], value, larger[name])
-        if name in names and is_dataclass(kinds[name])
-        else value
-        for name, value in plain.items()
-        if name not in dropped
-    }
-
-
-def unknown_key(key: str, schema: type) -> str:
-    """Say that a schema does not have a key, and which of its keys is meant.
+def unknown_key(key: str, keys: Mapping[str, Any]) -> str:
+    """Say that a key is none of those that there are, and which of these is meant.
 
     Example:
         >>> from vocc_torch.measure.config import WorldSettings
-        >>> unknown_key("camera.gama", WorldSettings)
+        >>> unknown_key("camera.gama", keys_of(WorldSettings))
         'camera.gama is not a known key: did you mean camera.gamma?'
     """
-    keys = keys_of(schema)
     mappings = [name for name, kind in keys.items() if get_origin(kind) is dict]
     parent = next((name for name in mappings if key.startswith(f"{name}.")), None)
     if parent is not None:
@@ -178,19 +109,19 @@ def unknown_key(key: str, schema: type) -> str:
     return f"{key} is not a known key: {hint}"
 
 
-def refusal(error: OmegaConfBaseException, schema: type) -> str:
+def refusal(error: OmegaConfBaseException, keys: Mapping[str, Any]) -> str:
     """Say in one line what OmegaConf refused.
 
     Args:
         error: with the key and the value.
-        schema: the dataclass of the settings, which names the keys and their types.
+        keys: with their types.
     """
     key = error.full_key or str(error.key or "")
     if isinstance(error, MissingMandatoryValue):
         return f"{key} is missing: it must have a value"
     if isinstance(error, ConfigKeyError | ConfigAttributeError):
-        return unknown_key(key, schema)
-    kind = keys_of(schema).get(key.partition("[")[0])
+        return unknown_key(key, keys)
+    kind = keys.get(key.partition("[")[0])
     if kind is None or isinstance(error, InterpolationResolutionError):
         return f"{key}: {' '.join(str(error.msg or error).split())}"
     value = "null" if error.value is None else shown(error.value)
@@ -230,23 +161,24 @@ def typed(schema: type, *plain: Any, words: Sequence[str] = ()) -> Any:
         >>> typed(Camera, {"gamma": 2}, words=["f_number=1.8"]).f_number
         1.8
     """
-    with refusals(schema):
+    with refusals(keys_of(schema)):
         config = merge(schema, *plain)
         for word, override in zip(words, parsed(words), strict=True):
             try:
                 _apply(config, override, word)
             except (ConfigKeyError, ConfigAttributeError):
-                raise VoccError(unknown_key(override.key_or_group, schema)) from None
+                unknown = unknown_key(override.key_or_group, keys_of(schema))
+                raise VoccError(unknown) from None
         return OmegaConf.to_object(config)
 
 
 @contextmanager
-def refusals(schema: type) -> Iterator[None]:
+def refusals(keys: Mapping[str, Any]) -> Iterator[None]:
     """Say in one line what OmegaConf refuses in a block."""
     try:
         yield
     except OmegaConfBaseException as error:
-        raise VoccError(refusal(error, schema)) from None
+        raise VoccError(refusal(error, keys)) from None
 
 
 def merge(schema: type, *plain: Any) -> DictConfig:
@@ -259,7 +191,7 @@ def merge(schema: type, *plain: Any) -> DictConfig:
         if get_origin(kind) is dict or is_dataclass(kind):
             for values in plain:
                 demand_mapping(section, values)
-    with refusals(schema):
+    with refusals(keys_of(schema)):
         config: Any = OmegaConf.merge(empty(schema), *plain)
         OmegaConf.set_struct(config, True)
         return cast(DictConfig, config)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vocc_torch.errors import demand_within, demand_word, whole_number
+from vocc_torch.errors import demand_ranges, demand_word, within
 
 CHANNELS = ("luma", "max", "red", "green", "blue")
 MOST_FRAMES = 256
@@ -26,17 +26,12 @@ class CalibrateConfig:
     """
 
     channel: str = "luma"
-    frames: int = 24
+    frames: int = within(2, MOST_FRAMES, default=24, whole=True)
     bits: str | None = None
-    ambient_lx: float | None = None
-    quantum_efficiency: float = 0.6
+    ambient_lx: float | None = within(0, 1e9, above=True, null=True, default=None)
+    quantum_efficiency: float = within(0, 1, above=True, default=0.6)
 
     def __post_init__(self) -> None:
         """Check the channel and the numbers."""
         demand_word("calibrate.channel", self.channel, CHANNELS)
-        whole_number("calibrate.frames", self.frames, 2, MOST_FRAMES)
-        demand_within(
-            "calibrate.ambient_lx", self.ambient_lx, 0, 1e9, above=True, null=True
-        )
-        efficiency = self.quantum_efficiency
-        demand_within("calibrate.quantum_efficiency", efficiency, 0, 1, above=True)
+        demand_ranges("calibrate", self)

@@ -18,7 +18,6 @@ from vocc_torch.files import write_atomically
 from vocc_torch.hardware import Camera, LedPanel, PanelShape
 from vocc_torch.measure.build import build_panel, receiver_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.schema import whole
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console, ProgressView
 
@@ -53,7 +52,7 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     with ProgressView(1, console, "reading the recording", unit="") as view:
         footage = read_footage(source, config, locator, panel.shape)
         view.say(f"frames: {len(footage)}")
-    camera, doubt = of_size(whole(Camera, settings.camera), *footage.greys.shape[1:])
+    camera, doubt = of_size(settings.camera, *footage.greys.shape[1:])
     doubts = [doubt, *(f"input {source}: {said}" for said in footage.doubts())]
     with ProgressView(1, console, "fitting the scene", unit=""):
         study = calibrate(footage, camera, panel, config, bits)

@@ -15,16 +15,15 @@ from vocc_torch.extras.messages.comparison import (
     recorded,
     variants_of,
 )
-from vocc_torch.extras.messages.config import MessagesConfig, RecordConfig
+from vocc_torch.extras.messages.config import MessagesConfig
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import payload_bytes
-from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
+from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.measure import executors, timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.schema import whole
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import plots, terminal
 from vocc_torch.report.styles import axis_label, rate_text, receiver_styles, value_text
@@ -60,9 +59,6 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
         VoccError: a value outside its range, or whatever a stage refuses.
     """
     run_folder.refuse_results(folder)
-    # Of classes that other processes can import.
-    parts = whole(Signalling, config.signalling), whole(RecordConfig, config.record)
-    config = whole(MessagesConfig, config, signalling=parts[0], record=parts[1])
     console = terminal.Console()
     plan = build_plan(settings, folder).locating_with("truth")
     # Refused, as a code that is not installed, before anything is trained.

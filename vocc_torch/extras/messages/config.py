@@ -1,17 +1,17 @@
 """``task=transmit``, ``task=record``, ``task=receive``, ``task=messages``: their sections, without torch."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from vocc_torch.errors import (
     VoccError,
+    demand_ranges,
     demand_within,
     demand_word,
-    whole_number,
+    within,
 )
 from vocc_torch.extras.messages.signalling import Signalling
-from vocc_torch.measure.schema import whole
 
 CHANNELS = ("luma", "max", "red", "green", "blue")
 SOFT = ("scores", "calibrated", "hard")
@@ -29,14 +29,8 @@ class TransmitConfig(Signalling):
         cell_px: side of an LED cell in the film, px, 1 to 256.
     """
 
-    repeats: int = 1
-    cell_px: int = 32
-
-    def __post_init__(self) -> None:
-        """Check every range."""
-        super().__post_init__()
-        whole_number("transmit.repeats", self.repeats, 1, 1000)
-        whole_number("transmit.cell_px", self.cell_px, 1, 256)
+    repeats: int = within(1, 1000, default=1, whole=True)
+    cell_px: int = within(1, 256, default=32, whole=True)
 
 
 @dataclass
@@ -61,35 +55,21 @@ class RecordConfig:
         VoccError: a value out of its range.
     """
 
-    fps: float = 240.0
-    drift: float = 0.0
-    start_s: float | None = None
-    readout_s: float = 0.004
-    dropped: float = 0.0
-    burst_frames: int = 1
-    repeated: float = 0.0
-    black: float = 0.0
-    speed_m_s: float = 0.0
-    margin: float = 1.5
-    quality: int = 12
+    fps: float = within(0, 1e6, above=True, default=240.0)
+    drift: float = within(-0.1, 0.1, default=0.0)
+    start_s: float | None = within(0, 1e6, null=True, default=None)
+    readout_s: float = within(0, 1, above=True, default=0.004)
+    dropped: float = within(0, 0.999, default=0.0)
+    burst_frames: int = within(1, 10_000, default=1, whole=True)
+    repeated: float = within(0, 0.999, default=0.0)
+    black: float = within(0, 0.999, default=0.0)
+    speed_m_s: float = within(-1000, 1000, default=0.0)
+    margin: float = within(1, 100, default=1.5)
+    quality: int = within(0, 51, default=12, whole=True)
 
     def __post_init__(self) -> None:
         """Check every range."""
-        for name, most in {"fps": 1e6, "readout_s": 1}.items():
-            demand_within(f"record.{name}", getattr(self, name), 0, most, above=True)
-        ranges = {
-            "drift": (-0.1, 0.1),
-            "margin": (1, 100),
-            "dropped": (0, 0.999),
-            "repeated": (0, 0.999),
-            "black": (0, 0.999),
-            "speed_m_s": (-1000, 1000),
-        }
-        for name, ends in ranges.items():
-            demand_within(f"record.{name}", getattr(self, name), *ends)
-        demand_within("record.start_s", self.start_s, 0, 1e6, null=True)
-        whole_number("record.quality", self.quality, 0, 51)
-        whole_number("record.burst_frames", self.burst_frames, 1, 10_000)
+        demand_ranges("record", self)
 
 
 @dataclass
@@ -112,8 +92,8 @@ class ReceiveConfig:
     """
 
     plan: str | None = None
-    fps: float | None = None
-    locate_every: int = 8
+    fps: float | None = within(0, 1e6, above=True, null=True, default=None)
+    locate_every: int = within(1, 10_000, default=8, whole=True)
     follow: str = "auto"
     channel: str = "luma"
     soft: str = "scores"
@@ -129,14 +109,17 @@ class ReceiveConfig:
         )
         demand_word("receive.soft", self.soft, SOFT)
         demand_word("receive.follow", self.follow, FOLLOWS)
-        whole_number("receive.locate_every", self.locate_every, 1, 10000)
-        demand_within("receive.fps", self.fps, 0, 1e6, above=True, null=True)
+        demand_ranges("receive", self)
 
 
 AXES = ("distance_m", "ambient_lx", "ratio")
 """What a study of messages varies; ``ratio`` is the camera's frames a symbol."""
 
-MOST_RATIO = 100.0
+RATIOS = 1.5, 100.0
+"""Least and most camera frames a symbol."""
+
+MOST_OF_SCENE = 1e6
+"""Most m, and most lx."""
 
 
 @dataclass
@@ -162,24 +145,24 @@ class MessagesConfig:
     distance_m: list[float] = field(default_factory=lambda: [50.0, 70.0, 90.0])
     ambient_lx: list[float] = field(default_factory=list)
     ratio: list[float] = field(default_factory=list)
-    at_distance_m: float = 80.0
-    at_ratio: float = 2.4
+    at_distance_m: float = within(0, MOST_OF_SCENE, above=True, default=80.0)
+    at_ratio: float = within(*RATIOS, default=2.4)
     codes: list[str] = field(default_factory=lambda: ["ldpc-0.7"])
-    recordings: int = 6
-    blocks: int = 1
+    recordings: int = within(2, 100_000, default=6, whole=True)
+    blocks: int = within(1, 1000, default=1, whole=True)
     signalling: Signalling = field(default_factory=Signalling)
     record: RecordConfig = field(default_factory=RecordConfig)
 
     def __post_init__(self) -> None:
         """Check every range."""
-        for name in (*AXES, "at_distance_m", "at_ratio"):
-            setting = getattr(self, name)
-            values = setting if name in AXES else [setting]
-            low, high = (1.5, MOST_RATIO) if name.endswith("ratio") else (0.0, 1e6)
+        demand_ranges("messages", self)
+        for name in AXES:
+            values = getattr(self, name)
+            low, high = RATIOS if name == "ratio" else (0, MOST_OF_SCENE)
             for value in values:
                 demand_within(f"messages.{name}", value, low, high, above=not low)
             if not all(a < b for a, b in pairwise(values)):
-                raise VoccError.of(f"messages.{name}", setting, "ascending")
+                raise VoccError.of(f"messages.{name}", values, "ascending")
         if not any(getattr(self, axis) for axis in AXES):
             raise VoccError(
                 "messages varies nothing: give values of messages.distance_m, ambient_lx or ratio"
@@ -188,8 +171,6 @@ class MessagesConfig:
             raise VoccError.of("messages.codes", self.codes, "codes, each once")
         for code in self.codes:
             self.options(code)
-        whole_number("messages.recordings", self.recordings, 2, 100_000)
-        whole_number("messages.blocks", self.blocks, 1, 1000)
 
     def options(self, code: str) -> Signalling:
         """Give how a code's packets are written.
@@ -205,6 +186,4 @@ class MessagesConfig:
                 "has",
             )
         rate, name = float(found[2] or 0.5), found[1] or "none"
-        return whole(
-            Signalling, self.signalling, code=name, code_rate=rate, scramble=True
-        )
+        return replace(self.signalling, code=name, code_rate=rate, scramble=True)

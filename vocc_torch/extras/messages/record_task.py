@@ -14,9 +14,8 @@ from vocc_torch.extras.messages.config import FRAMES, PLAN, RecordConfig
 from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.files import atomic_file, write_atomically
 from vocc_torch.measure.build import build_plan
-from vocc_torch.measure.config import PanelSettings, Settings
+from vocc_torch.measure.config import Settings
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.schema import whole
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.report.video import write_video
@@ -33,7 +32,7 @@ COLUMNS = ("frame", "taken_s", "symbol", "distance_m", *CORNERS)
 def with_panel_of(settings: Settings, plan: MessagePlan) -> Settings:
     """Give the settings with the plan's panel."""
     sides: Any = asdict(plan.shape)  # the section has both, beside what LedPanel has
-    return replace(settings, panel=whole(PanelSettings, settings.panel, **sides))
+    return replace(settings, panel=replace(settings.panel, **sides))
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ import yaml
 from vocc_torch.errors import (
     VoccError,
     demand_kind,
-    demand_within,
+    demand_ranges,
     demand_word,
     finite_number,
-    whole_number,
+    within,
 )
 from vocc_torch.hardware import PanelShape
 from vocc_torch.yaml_text import read_yaml
@@ -42,20 +42,19 @@ class Signalling:
         VoccError: a value out of its range.
     """
 
-    symbol_rate_hz: float = 100.0
+    symbol_rate_hz: float = within(0, FASTEST_HZ, above=True, default=100.0)
     code: str = "rs"
     code_rate: float = 0.7
     block_symbols: int = 128
-    bands: int = 4
-    sync_cells: int = 2
+    bands: int = within(1, 1024, default=4, whole=True)
+    sync_cells: int = within(1, 1024, default=2, whole=True)
     anchors: bool = True
     interleave: bool = True
     scramble: bool = True
 
     def __post_init__(self) -> None:
         """Check what can be checked without the panel's shape."""
-        rate_hz = self.symbol_rate_hz
-        demand_within("transmit.symbol_rate_hz", rate_hz, 0, FASTEST_HZ, above=True)
+        demand_ranges("transmit", self)
         code_rate = finite_number("transmit.code_rate", self.code_rate)
         if not 0 < code_rate < 1:
             raise VoccError.of(
@@ -68,8 +67,6 @@ class Signalling:
             )
         for name in ("anchors", "interleave", "scramble"):
             demand_kind(f"transmit.{name}", getattr(self, name), bool)
-        whole_number("transmit.bands", self.bands, 1, 1024)
-        whole_number("transmit.sync_cells", self.sync_cells, 1, 1024)
 
 
 FIELDS = tuple(attribute.name for attribute in fields(Signalling))

@@ -8,11 +8,10 @@ from vocc_torch.extras.messages.config import FRAMES, PLAN, TransmitConfig
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import OVERHEAD_BYTES, payload_bytes
 from vocc_torch.extras.messages.reception import film_of
-from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
+from vocc_torch.extras.messages.signalling import FIELDS, MessagePlan, Signalling
 from vocc_torch.files import atomic_file, read_file, write_atomically
 from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.schema import whole
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.report.video import write_video
@@ -27,7 +26,8 @@ LIT = 255
 def plan_of(settings: Settings, config: TransmitConfig) -> MessagePlan:
     """Give the plan that a configuration describes."""
     shape = PanelShape(settings.panel.rows, settings.panel.columns)  # type: ignore[attr-defined]  # of the schema
-    return MessagePlan(shape, whole(Signalling, config))
+    signalling = Signalling(**{name: getattr(config, name) for name in FIELDS})
+    return MessagePlan(shape, signalling)
 
 
 def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> None:
