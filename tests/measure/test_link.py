@@ -1,5 +1,7 @@
 """One observation for every receiver: what is simulated, and that nothing is simulated for nobody."""
 
+from dataclasses import replace
+
 import torch
 from one_point import sweep_point
 
@@ -37,6 +39,26 @@ def test_preambles_are_the_same_scenes_all_on_and_all_off():
     # What a frame's LED shows lies between the two, but for the light of its neighbours.
     assert bool((greys.average <= levels.on.average + 1e-3).all())
     assert bool((greys.average >= levels.off.average - 1e-3).all())
+
+
+def test_each_preamble_can_be_located_by_itself():
+    paper, reader, searched = PaperLocator(), Reader(), []
+
+    def no_off_preamble(frames, shape):
+        searched.append(frames)
+        panels = paper(frames, shape)
+        lost = torch.full_like(panels.found, len(searched) == 3)
+        return replace(panels, found=panels.found & ~lost)
+
+    link = Link(Simulator(), no_off_preamble, reader, locates_preambles=True)
+    (seen,) = observed(link, 16, preambles=True)
+    (together,) = observed(Link(Simulator(), paper, reader), 16, preambles=True)
+    on, off = seen.preambles
+    where = paper(seen.takes[1], reader.shape)
+    assert torch.equal(on.average, reader.read(seen.takes[1], where).greys.average)
+    assert not torch.equal(on.average, together.preambles.on.average)
+    assert torch.equal(off.average, together.preambles.off.average)
+    assert torch.equal(seen.readings.features, together.readings.features)
 
 
 def count_renders(monkeypatch):

@@ -166,6 +166,7 @@ def receiver_plan(
         reader=built,
         save=save,
         locators=locators,
+        preambles=receiver.preambles,
         **rates,
     )
 

@@ -296,6 +296,8 @@ class ReceiverSettings:
         gradient: ``sobel`` (Kornia's) or ``central`` (Eq. 6).
         cells: ``resampled``: bilinear samples; ``pixels``: whole pixels of the box around the discs of the
             LEDs.
+        preambles: ``frame``: preambles are read at the corners of the test frame; ``located``: the panel is
+            located in each of them too.
         save: the receiver that is saved as receiver.pt. Null saves the classifier if there is one, ``flda``
             if there are features of your own, else ``flda_3``.
         location: limits of the locator ``paper``.
@@ -309,6 +311,7 @@ class ReceiverSettings:
     samples_per_led: int = 8
     gradient: str = "sobel"
     cells: str = "resampled"
+    preambles: str = "frame"
     save: str | None = None
     location: LocatorLimits = field(default_factory=LocatorLimits)
     false_alarms: float | None = None

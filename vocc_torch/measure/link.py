@@ -39,6 +39,7 @@ class Observation:
         takes: the frames; where they were asked for, the all-On and the all-Off frames of the same scenes.
         reader: measures the LEDs.
         truth: gives the true panels; no receiver may call it.
+        preamble_panels: where the panel was located in each further take; empty reads them at ``panels``.
     """
 
     scene: Scene
@@ -47,6 +48,7 @@ class Observation:
     takes: tuple[Frames, ...]
     reader: Reader
     truth: Callable[[], Panels]
+    preamble_panels: tuple[Panels, ...] = ()
 
     @property
     def frames(self) -> Frames:
@@ -60,8 +62,11 @@ class Observation:
 
     @cached_property
     def _read(self) -> tuple[Readings, list[Greys]]:
-        # Preambles are read where the panel was located in the frame itself.
-        return self.reader.read_takes(self.takes, self.panels)
+        if not self.preamble_panels:
+            return self.reader.read_takes(self.takes, self.panels)
+        panels = (self.panels, *self.preamble_panels)
+        readings, *known = map(self.reader.read, self.takes, panels)
+        return readings, [reading.greys for reading in known]
 
     @property
     def readings(self) -> Readings:
@@ -85,6 +90,8 @@ class Link:
         locator: finds the panel, or None to take the simulator's true corners.
         reader: measures the LEDs.
         batch_frames: frames at a time; fewer where their rectified panels would have over 2^26 samples.
+        locates_preambles: whether the panel is located in each preamble, else in the test frame alone. A
+            preamble without a located panel is read at the corners of the test frame.
 
     Example:
         >>> link = Link(Simulator(), None, Reader())
@@ -99,8 +106,11 @@ class Link:
         locator: PanelLocator | None,
         reader: Reader,
         batch_frames: int = 64,
+        *,
+        locates_preambles: bool = False,
     ) -> None:
         self.simulator, self.locator, self.reader = simulator, locator, reader
+        self.locates_preambles = locates_preambles
         samples = (
             (reader.shape.rows + 2)
             * (reader.shape.columns + 2)
@@ -112,7 +122,13 @@ class Link:
     def of(cls, plan: Plan) -> Self:
         """Build the link that a plan describes."""
         simulator, receiver = plan.world.simulator(), plan.receiver
-        return cls(simulator, receiver.finder, receiver.reader, plan.batch_frames)
+        return cls(
+            simulator,
+            receiver.finder,
+            receiver.reader,
+            plan.batch_frames,
+            locates_preambles=receiver.preambles == "located",
+        )
 
     def observe(
         self,
@@ -165,15 +181,28 @@ class Link:
             observations = {}
             for name, locator in locators.items():
                 with torch.autocast(simulator.device.type, enabled=False):
-                    panels = (
-                        truth()
-                        if locator is None
-                        else locator(takes[0], self.reader.shape)
-                    )
+                    panels = self._located(locator, takes, truth)
                 observations[name] = Observation(
-                    scene, bits, panels, takes, self.reader, truth
+                    scene, bits, panels[0], takes, self.reader, truth, panels[1:]
                 )
             yield observations
+
+    def _located(
+        self,
+        locator: PanelLocator | None,
+        takes: tuple[Frames, ...],
+        truth: Callable[[], Panels],
+    ) -> tuple[Panels, ...]:
+        """Locate the panel in the test frames, and in each preamble where that is wanted."""
+        if locator is None:
+            return (truth(),)
+        searched = takes if self.locates_preambles else takes[:1]
+        first, *others = (locator(take, self.reader.shape) for take in searched)
+        corners = (
+            torch.where(other.found[:, None, None], other.corners_px, first.corners_px)
+            for other in others
+        )
+        return first, *map(Panels.known, corners)
 
 
 def misplaced(

@@ -122,6 +122,7 @@ class ReceiverPlan:
         classifiers: those that plug in; their names are among ``names``.
         locators: those from outside by name.
         false_alarms: in a frame without a panel, at which ``detector`` finds one, above 0.
+        preambles: read at the corners of the test ``frame``, or each ``located`` by itself.
 
     Raises:
         VoccError: an unknown name, or a rate that is not above 0.
@@ -140,11 +141,13 @@ class ReceiverPlan:
     classifiers: tuple[ClassifierPlan, ...] = ()
     locators: Mapping[str, PlugIn] = field(default_factory=dict)
     false_alarms: float = 1e-2
+    preambles: str = "frame"
 
     def __post_init__(self) -> None:
         """Check every name, and the rate."""
         if not finite_number("receiver.false_alarms", self.false_alarms) > 0:
             raise VoccError.of("receiver.false_alarms", self.false_alarms, "above 0")
+        demand_word("receiver.preambles", self.preambles, ("frame", "located"))
         plugged_in = [classifier.name for classifier in self.classifiers]
         check_receivers(self.names, plugged_in)
         if stray := [name for name in self.locators if name in OWN_LOCATORS]:
