@@ -129,7 +129,7 @@ def test_a_report_of_other_figures_or_readings_stays_as_it_is(some, place):
     [
         (
             ("figures.names=[fig99]",),
-            "figures.names is 'fig99': it must be of fig04, fig08",
+            "figures.names is 'fig99': it must be one of fig04, fig08",
         ),
         (
             ("figures.names=[fig22]", "figures.experiments.ambient.values=[-1]"),

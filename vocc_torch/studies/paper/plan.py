@@ -9,9 +9,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import yaml
 
-from vocc_torch.errors import VoccError, section
+from vocc_torch.errors import VoccError, demand_word, section
 from vocc_torch.measure import config as configs
-from vocc_torch.measure import curve, grid, runner, sweep
+from vocc_torch.measure import grid, runner, sweep
 from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.evidence import PaperFigure, features, panels, times
@@ -107,7 +107,7 @@ class FigurePlan:
             VoccError: no frame fell into any contrast bin.
         """
         locators = {reading.name: reading.locator for reading in self.readings}
-        found: dict[str, dict[str, curve.Curves]] = {name: {} for name in locators}
+        found = {name: Evidence({}, {}) for name in locators}
         for (name, experiment), study in self.studies.items():
             counted = outcomes[study.name]
             curves = sweep.curves_at(study.plan, locators[name], counted)
@@ -115,8 +115,8 @@ class FigurePlan:
                 key = f"figures.experiments.{experiment}.values"
                 edges = list(study.plan.experiment.values)
                 raise VoccError.of(key, edges, "bins that hold frames of these scenes")
-            found[name][experiment] = curves
-        return {name: Evidence(curves, {}) for name, curves in found.items()}
+            found[name].experiments[experiment] = curves
+        return found
 
     def grid(self, outcomes: Outcomes) -> grid.Grid | None:
         """The grid of ambient light and LED luminance; None where it was not measured."""
@@ -174,8 +174,7 @@ def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
         ('fig04', 'fig22')
     """
     for name in names:
-        if name not in FIGURES:
-            raise VoccError.of("figures.names", repr(name), f"of {', '.join(FIGURES)}")
+        demand_word("figures.names", name, FIGURES)
     return tuple(name for name in FIGURES if not names or name in names)
 
 

@@ -120,8 +120,7 @@ def decades_apart(
     theirs = intervals.ber_interval(quoted_counts(curves, receiver, value, ber))
     least = math.log10(ours.low / theirs.high) if ours.low > 0 else -math.inf
     most = math.log10(ours.high / theirs.low) if theirs.low > 0 else math.inf
-    near = 0.0 if least <= 0 <= most else min(abs(least), abs(most))
-    far = max(abs(least), abs(most))
+    near, far = max(least, -most, 0.0), max(-least, most)
     if ours.value == 0:
         return Estimate(max(0.0, math.log10(ber / ours.high)), near, far)
     return Estimate(abs(math.log10(ours.value / ber)), near, far)

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import vocc_torch
 from vocc_torch.files import write_atomically
@@ -121,21 +120,22 @@ class Report:
         tensorboard.write_figures(settings, self.folder, pictures, tables)
         size = f"claims: {len(card.judged())}, readings: {len(card.readings)}"
         title = f"Do and Yoo (2019), {', '.join(self.plan.names)}; {size}"
-        values: dict[str, Any] = {
-            "title": title,
-            "report": self,
-            "card": card,
-            "assumptions": scorecard.assumptions(card),
-            "verdicts": VERDICTS,
-            "parts": scorecard.PARTS,
-            "about": FIGURES,
-            "configuration": configs.as_yaml(settings),
-            "budget": settings.budget,
-            "machine": timing.describe_machine(resolve_device(settings.device)),
-            "version": vocc_torch.__version__,
-            "seconds": seconds,
-        }
-        text = page.render(__package__, "report.md.j2", **values)
+        text = page.render(
+            __package__,
+            "report.md.j2",
+            title=title,
+            report=self,
+            card=card,
+            assumptions=scorecard.assumptions(card),
+            verdicts=VERDICTS,
+            parts=scorecard.PARTS,
+            about=FIGURES,
+            configuration=configs.as_yaml(settings),
+            budget=settings.budget,
+            machine=timing.describe_machine(resolve_device(settings.device)),
+            version=vocc_torch.__version__,
+            seconds=seconds,
+        )
         html = page.html(text, title, self.folder)
         for name, content in (("report.md", text), ("report.html", html)):
             write_atomically(self.folder / name, content.encode("utf-8", "replace"))

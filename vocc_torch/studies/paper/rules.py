@@ -23,7 +23,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 from vocc_torch.measure import curve, estimate
 from vocc_torch.measure.estimate import Estimate
@@ -32,7 +32,7 @@ from vocc_torch.studies.paper import rates
 from vocc_torch.studies.paper.rates import Comparison, place
 
 Verdict: TypeAlias = Literal["agree", "differ", "cannot say"]
-VERDICTS: tuple[Verdict, ...] = ("agree", "differ", "cannot say")
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Evidence:
         numbers: of the other figures, such as ``fig12.auc_ngr``, each with its interval.
     """
 
-    experiments: Mapping[str, curve.Curves]
+    experiments: dict[str, curve.Curves]
     numbers: dict[str, Estimate]
 
     def curves(

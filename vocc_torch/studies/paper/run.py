@@ -1,6 +1,5 @@
 """``task=figures``: the paper's figures and claims, measured, drawn, scored and written as one report."""
 
-import itertools
 from pathlib import Path
 
 from vocc_torch.errors import VoccError
@@ -36,8 +35,8 @@ def run_figures(
     """
     if (folder / "report.html").exists():
         before = configs.read_flat(folder / run_folder.CONFIG)
-        for key, value in (("names", config.names), ("readings", config.readings)):
-            if before.get(f"figures.{key}") != value:
+        for key in ("names", "readings"):
+            if before.get(f"figures.{key}") != getattr(config, key):
                 raise VoccError(
                     f"name: {folder} holds a report of other figures.{key}: give another name="
                 )
@@ -46,9 +45,7 @@ def run_figures(
     # The ledger is open to the end: a second run would write over the same report.
     with begin(settings, folder, plan.readings[0].plan, stages) as run:
         with watch.stage("bit error rates"):
-            outcomes: Outcomes = {}
-            if plan.every_study:
-                outcomes = measure(settings, plan, run, folder)
+            outcomes = measure(settings, plan, run, folder) if plan.every_study else {}
             report = Report(folder, plan, plan.evidence(outcomes))
             for experiment in plan.experiments:
                 report.add_rates(experiment, RATE_FIGURES[experiment])
@@ -74,19 +71,17 @@ def measure(
     Raises:
         VoccError: whatever a stage refuses.
     """
-    cases = {study.name: study.cases for study in plan.every_study}
-    every = list(itertools.chain(*cases.values()))
+    every = [case for study in plan.every_study for case in study.cases]
     with run.pool:
         run.train([source for case in every for source in case.trained_on])
         outcomes = {
-            name: dict(
-                zip(
-                    (case.value or 0.0 for case in some),
-                    run.count(some, name),
-                    strict=True,
+            study.name: {
+                case.value or 0.0: outcome
+                for case, outcome in zip(
+                    study.cases, run.count(study.cases, study.name), strict=True
                 )
-            )
-            for name, some in cases.items()
+            }
+            for study in plan.every_study
         }
     first = every[0].plan
     run_ledgers.write_training(settings, first, run.training(first), folder)

@@ -1,8 +1,7 @@
 """The scorecard: the paper's claims (``claims.yaml``) under every reading, and which reading fits best."""
 
 import itertools
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any, TypeAlias
@@ -19,6 +18,7 @@ from vocc_torch.studies.paper.rules import (
     Evidence,
     Judgement,
     NotMeasuredError,
+    Verdict,
 )
 
 
@@ -60,7 +60,8 @@ CLAIMS = tuple(Claim(**row) for row in _FILE["claims"])
 """Every claim, in the paper's order of sections."""
 PARTS: Mapping[str, str] = _FILE["parts"]
 """Headings of the scorecard's parts, by the first word of a claim's name."""
-QUOTED = tuple(claim for claim in CLAIMS if claim.rule == "quoted")
+QUOTED = tuple(claim for claim in CLAIMS if "ber" in claim.arguments)
+"""The claims that quote a bit error rate."""
 
 
 def stars(experiment: str) -> dict[str, list[tuple[float, float]]]:
@@ -72,7 +73,7 @@ def stars(experiment: str) -> dict[str, list[tuple[float, float]]]:
     """
     found: dict[str, list[tuple[float, float]]] = {}
     for quoted in (claim.arguments for claim in QUOTED):
-        if quoted["experiment"] == experiment and "ber" in quoted:
+        if quoted["experiment"] == experiment:
             star = (quoted["at"], quoted["ber"])
             found.setdefault(quoted["receiver"], []).append(star)
     return found
@@ -80,7 +81,6 @@ def stars(experiment: str) -> dict[str, list[tuple[float, float]]]:
 
 Line: TypeAlias = tuple[str | float | None, ...]
 JUDGED = ("measured", "low", "high", "verdict", "reason")
-DISTANCE = ("decades", "decades_low", "decades_high")
 
 
 def ends_of(found: Estimate | None) -> Line:
@@ -93,12 +93,16 @@ class Fit:
     """How well a reading fits the paper.
 
     Args:
-        verdicts: how many claims on curves have each verdict.
+        verdicts: on the claims on curves.
         decades: mean distance to the quoted rates, ``|log10 (measured / quoted)|``; None without one.
     """
 
-    verdicts: Mapping[str, int]
+    verdicts: Mapping[Claim, Verdict]
     decades: Estimate | None
+
+    def count(self, verdict: Verdict) -> int:
+        """How many claims on curves have a verdict."""
+        return [*self.verdicts.values()].count(verdict)
 
 
 @dataclass(frozen=True)
@@ -107,38 +111,46 @@ class Scorecard:
 
     Args:
         readings: the first is reported in full.
-        judgements: by claim and reading; claims without a measurement are left out, and those that do not
+        judgements: by reading and claim; claims without a measurement are left out, and those that do not
             depend on the reading stand under the first one alone.
         fits: by reading.
     """
 
     readings: tuple[PaperReading, ...]
-    judgements: Mapping[tuple[Claim, str], Judgement]
+    judgements: Mapping[str, Mapping[Claim, Judgement]]
     fits: Mapping[str, Fit]
 
     def judged(self, part: str = "") -> dict[Claim, Judgement]:
         """The claims under the first reading, of a part such as ``ambient.``."""
-        return {
-            claim: judgement
-            for (claim, reading), judgement in self.judgements.items()
-            if reading == self.readings[0].name and claim.name.startswith(part)
-        }
+        first = self.judgements[self.readings[0].name]
+        return {claim: first[claim] for claim in first if claim.name.startswith(part)}
 
     def rows(self) -> Iterable[Line]:
         """The lines of ``scorecard.csv``, its head first."""
         yield ("claim", "where", "text", "paper", "reading", *JUDGED)
-        for (claim, reading), found in self.judgements.items():
-            about = (claim.name, claim.where, claim.text, claim.paper)
-            name = reading if claim.of_reading else ""
-            ends = ends_of(found.interval)[1:]
-            yield (*about, name, found.measured, *ends, found.verdict, found.reason)
+        for claim, (reading, judged) in itertools.product(
+            CLAIMS, self.judgements.items()
+        ):
+            if found := judged.get(claim):
+                about = (claim.name, claim.where, claim.text, claim.paper)
+                name = reading if claim.of_reading else ""
+                ends = ends_of(found.interval)[1:]
+                yield (*about, name, found.measured, *ends, found.verdict, found.reason)
 
     def fit_rows(self) -> Iterable[Line]:
         """The lines of ``readings.csv``, its head first."""
-        yield ("reading", *VERDICTS, *DISTANCE, "values", "why")
+        yield (
+            "reading",
+            *VERDICTS,
+            "decades",
+            "decades_low",
+            "decades_high",
+            "values",
+            "why",
+        )
         for reading in self.readings:
             fit = self.fits[reading.name]
-            counts = (fit.verdicts.get(verdict, 0) for verdict in VERDICTS)
+            counts = map(fit.count, VERDICTS)
             values = yaml.safe_dump(reading.values, default_flow_style=True, width=999)
             ends = ends_of(fit.decades)
             yield (reading.name, *counts, *ends, values.strip(), reading.why)
@@ -153,33 +165,32 @@ def score(
         readings: the first is reported in full.
         evidence: what was measured, by the reading's name.
     """
-    judgements = {}
-    for claim in CLAIMS:
-        for reading in readings if claim.of_reading else readings[:1]:
-            if (judgement := claim.judge(evidence[reading.name])) is not None:
-                judgements[claim, reading.name] = judgement
-    fits = {}
+    judgements, fits = dict[str, dict[Claim, Judgement]](), {}
     for reading in readings:
-        verdicts: Counter[str] = Counter(
-            judgement.verdict
-            for (claim, name), judgement in judgements.items()
-            if claim.of_reading and name == reading.name
-        )
-        fits[reading.name] = Fit(verdicts, distance(evidence[reading.name]))
+        found = evidence[reading.name]
+        judgements[reading.name] = judged = {
+            claim: judgement
+            for claim in CLAIMS
+            if claim.of_reading or reading is readings[0]
+            if (judgement := claim.judge(found)) is not None
+        }
+        verdicts = {at: judged[at].verdict for at in judged if at.of_reading}
+        fits[reading.name] = Fit(verdicts, distance(found, judged))
     return Scorecard(tuple(readings), judgements, fits)
 
 
-def distance(evidence: Evidence) -> Estimate | None:
+def distance(evidence: Evidence, judged: Container[Claim]) -> Estimate | None:
     """Mean distance to the quoted rates, in decades; None where none was measured."""
     apart = []
     for claim in QUOTED:
         quoted = claim.arguments
-        if "ber" in quoted and claim.judge(evidence) is not None:
+        if claim in judged:
             curves = evidence.experiments[quoted["experiment"]]
             place = (quoted["receiver"], quoted["at"], quoted["ber"])
             apart.append(ends_of(rates.decades_apart(curves, *place)))
-    means = np.array(apart, dtype=float).mean(axis=0) if apart else None
-    return None if means is None else Estimate(*means.tolist())
+    if not apart:
+        return None
+    return Estimate(*np.array(apart, dtype=float).mean(axis=0).tolist())
 
 
 @dataclass(frozen=True)
@@ -201,22 +212,21 @@ class Assumption:
 
 def assumptions(card: Scorecard) -> list[Assumption]:
     """The assumptions in which readings differ, the one that moves the quoted rates most first."""
-    verdicts: dict[str, dict[Claim, str]] = {}
-    for (claim, name), judgement in card.judgements.items():
-        if claim.of_reading:
-            verdicts.setdefault(name, {})[claim] = judgement.verdict
     changes: dict[str, list[tuple[float, int]]] = {}
     for first, second in itertools.combinations(card.readings, 2):
-        every = first.values.keys() | second.values.keys()
         differing = [
-            key for key in every if first.values.get(key) != second.values.get(key)
+            key
+            for key in {**first.values, **second.values}
+            if first.values.get(key) != second.values.get(key)
         ]
-        far, near = (card.fits[each.name].decades for each in (first, second))
-        if len(differing) == 1 and far is not None and near is not None:
-            before, after = verdicts[first.name], verdicts[second.name]
-            changed = sum(after.get(claim) != said for claim, said in before.items())
-            moved = (abs(far.value - near.value), changed)
-            changes.setdefault(differing[0], []).append(moved)
+        before, after = card.fits[first.name], card.fits[second.name]
+        if len(differing) == 1 and before.decades and after.decades:
+            changed = sum(
+                after.verdicts.get(claim) != said
+                for claim, said in before.verdicts.items()
+            )
+            moved = abs(before.decades.value - after.decades.value)
+            changes.setdefault(differing[0], []).append((moved, changed))
     found = [
         Assumption(key, len(pairs), *np.mean(pairs, axis=0).tolist())
         for key, pairs in changes.items()

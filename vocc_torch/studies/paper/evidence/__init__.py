@@ -6,20 +6,17 @@ from dataclasses import dataclass
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import plots
 
-Numbers = Mapping[str, float | Estimate]
-"""What a figure shows, by name; a measured number has an interval."""
-
 
 @dataclass(frozen=True)
 class PaperFigure:
     """One figure of the paper.
 
     Args:
-        numbers: what it shows.
+        numbers: what it shows, by name; a measured number has an interval.
         picture: as drawn.
     """
 
-    numbers: Numbers
+    numbers: Mapping[str, float | Estimate]
     picture: plots.Figure
 
     def estimates(self, name: str) -> dict[str, Estimate]:

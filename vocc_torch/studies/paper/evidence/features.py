@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from scipy.optimize import linprog
 
 from vocc_torch.measure.grid import Bools, Floats
@@ -99,9 +100,9 @@ def spread(source: Source, title: str, names: Sequence[str]) -> PaperFigure:
             values = sample.values[name]
         else:
             chosen = [FEATURE_NAMES.index(part) for part in parts]
-            pair, points = source.flda.select(chosen), source.features[..., chosen]
-            values = pair.decision_function(points).numpy()
-            whole = points.flatten(0, 2).numpy()
+            pair, points = source.flda.select(chosen), sample.features[..., chosen]
+            values = pair.decision_function(torch.from_numpy(points)).numpy()
+            whole = points.reshape(-1, len(chosen))
             numbers[f"separable_{name}"] = float(separable(whole, bits.ravel()))
         if len(parts) == 2:
             line = (*pair.direction.tolist(), float(pair.threshold))

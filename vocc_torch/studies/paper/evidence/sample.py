@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -30,12 +29,14 @@ class Sample:
     Args:
         bits: (B,R,C).
         thresholds: (B,1,1) halfway between the average greys of the all-On and the all-Off frame of the scene.
+        features: (B,R,C,3) AGR, GRI and NGR of each LED.
         values: ``average_grey``, ``agr``, ``gri`` and ``ngr`` of each LED, (B,R,C) each.
         panels: (B,(R+2)K,(C+2)K) the rectified panels.
     """
 
     bits: Bools
     thresholds: Floats
+    features: Floats
     values: Mapping[str, Floats]
     panels: Floats
 
@@ -76,21 +77,16 @@ class Source:
         return Sample(
             bits,
             array([preamble_threshold(at.on.average, at.off.average) for at in known]),
+            features,
             {"average_grey": greys, **values},
             array([part.readings.patches for part in parts])[:, 0],
         )
 
     @cached_property
-    def features(self) -> Tensor:
-        """AGR, GRI and NGR of the sample, (B,R,C,3)."""
-        values = [self.sample.values[name] for name in FEATURE_NAMES]
-        return torch.from_numpy(np.stack(values, axis=-1))
-
-    @cached_property
     def flda(self) -> FLDA:
         """FLDA trained on the sample."""
-        bits = torch.from_numpy(self.sample.bits)
-        return FLDA(len(FEATURE_NAMES)).fit(self.features, bits)
+        samples = map(torch.from_numpy, (self.sample.features, self.sample.bits))
+        return FLDA(len(FEATURE_NAMES)).fit(*samples)
 
     def bits(self, name: str) -> Tensor:
         """The bits that a figure shows in all its scenes, (1,R,C) bool, by the figure's name."""
