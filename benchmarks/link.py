@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from peer_read import read_bits
 from peer_render import PeerConfig, render_frame
 
-from vocc_torch import FLDA, LedPanel, PanelShape, Receiver, Scene, Simulator
+from vocc_torch import FLDA, PanelShape, Receiver, Scene, Simulator
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.timing import describe_machine, interleaved, median_of
 from vocc_torch.receiver.features import FEATURE_NAMES
@@ -57,8 +57,7 @@ def scenes(count: int, point: str) -> tuple[Scene, torch.Tensor]:
 def train() -> Receiver:
     """Train the paper's receiver on frames that are not timed."""
     scene, bits = scenes(512, "train")
-    panel = LedPanel(board_reflectance=None)  # OpenCV draws none
-    frames = Simulator(panel=panel).render(scene, bits)
+    frames = Simulator().render(scene, bits)
     locator, reader = PaperLocator(), Reader(SHAPE)
     panels = locator(frames, SHAPE)
     features = reader.read(frames, panels).features
@@ -76,8 +75,7 @@ def ours(
     framing: str, batch: int, receiver: Receiver, scene: Scene, bits: torch.Tensor
 ) -> NDArray[np.bool_]:
     """Simulate and decode with the package."""
-    panel = LedPanel(board_reflectance=None)  # OpenCV draws none
-    simulator = Simulator(panel=panel, framing=framing)  # type: ignore[arg-type]
+    simulator = Simulator(framing=framing)  # type: ignore[arg-type]
     decided = []
     with torch.inference_mode():
         for start in range(0, len(scene), batch):

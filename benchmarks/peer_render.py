@@ -37,6 +37,7 @@ class PeerConfig:
     led_pitch_m: float = 0.06
     led_reflectance: float = 0.4
     background_reflectance: float = 0.18
+    board_reflectance: float = 0.4
     visibility_m: float = 40_000.0
     focal_length_m: float = 0.025
     pixel_m: float = 13.2e-3 / 1920
@@ -88,13 +89,26 @@ def disc_coverage(x_edges: Floats, y_edges: Floats, radius_px: float) -> Floats:
     return covered
 
 
-def draw_leds(
-    led_excess: Floats, centre_px: tuple[float, float], px_per_m: float, cfg: PeerConfig
+def share_covered(first: int, count: int, centre: float, length: float) -> Floats:
+    """Share of each of ``count`` pixels from ``first`` on that an interval about ``centre`` covers."""
+    low = np.maximum(first + np.arange(count), centre - length / 2)
+    high = np.minimum(first + np.arange(1, count + 1), centre + length / 2)
+    covered: Floats = np.clip(high - low, 0, None)
+    return covered
+
+
+def draw_panel(
+    led_excess: Floats,
+    board_excess: float,
+    centre_px: tuple[float, float],
+    px_per_m: float,
+    cfg: PeerConfig,
 ) -> tuple[FloatImage, int, int]:
-    """Draw the LEDs' exposure above the background's on the smallest canvas that holds them.
+    """Draw the exposure of board and LEDs above the background's on a canvas that holds them.
 
     Args:
-        led_excess: (R,C) exposure of each LED less the background's, in units of the background's.
+        led_excess: (R,C) exposure of each LED less the board's, in units of the background's.
+        board_excess: exposure of the board less the background's, in units of the background's.
         centre_px: ``(x, y)`` of the panel's centre on the sensor.
         px_per_m: image scale.
         cfg: panel geometry.
@@ -117,17 +131,21 @@ def draw_leds(
         ((first_y - y)[:, None] + edges)[:, None, :, None],
         radius,
     )
-    left, top = int(first_x[0]), int(first_y[0])
-    width, height = (
-        int(first_x[-1]) - left + len(window),
-        int(first_y[-1]) - top + len(window),
+    # As wide as the lattice of cells, and a pixel more for the windows of the outer LEDs.
+    left, top = (
+        math.floor(middle - count * pitch / 2) - 1
+        for middle, count in zip(centre_px, (columns, rows), strict=True)
     )
+    width, height = (math.ceil(count * pitch) + 4 for count in (columns, rows))
     pixel_x = (first_x[:, None] + window - left)[None, :, None, :]
     pixel_y = (first_y[:, None] + window - top)[:, None, :, None]
     light = led_excess[:, :, None, None] * coverage
     index = np.broadcast_to(pixel_y * width + pixel_x, light.shape)
     canvas = np.bincount(index.ravel(), light.ravel(), minlength=height * width)
-    return canvas.reshape(height, width).astype(np.float32), top, left
+    across = share_covered(left, width, centre_px[0], columns * pitch)
+    down = share_covered(top, height, centre_px[1], rows * pitch)
+    board = board_excess * np.outer(down, across)
+    return (canvas.reshape(height, width) + board).astype(np.float32), top, left
 
 
 def encode(
@@ -202,14 +220,14 @@ def render_frame(
         ValueError: no part of the panel is on the sensor.
     """
     background = cfg.background_reflectance * ambient_lx / math.pi
+    board = cfg.board_reflectance * ambient_lx / math.pi
     off = cfg.led_reflectance * ambient_lx / math.pi
     emitted = led_luminance_cd_m2 * math.exp(-3.91 * distance_m / cfg.visibility_m)
     scale = cfg.px_per_m(distance_m)
     height, width = cfg.sensor_px
     centre = (width / 2 + offset_x_m * scale, height / 2 + offset_y_m * scale)
-    light, top, left = draw_leds(
-        (off + emitted * bits) / background - 1, centre, scale, cfg
-    )
+    leds = (off + emitted * bits - board) / background
+    light, top, left = draw_panel(leds, board / background - 1, centre, scale, cfg)
     if not full:
         reach = cfg.blur_kernel_px // 2
         light, top, left = np.pad(light, reach), top - reach, left - reach
