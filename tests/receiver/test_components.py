@@ -3,60 +3,18 @@
 import cv2
 import numpy as np
 import pytest
-import scipy.ndimage
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from skimage.measure import block_reduce
 
 from vocc_torch.receiver.components import (
+    Stretches,
     close_mask,
     collect_blobs,
     halve_mask,
     label_components,
-    runs_of,
 )
 from vocc_torch.receiver.quadrilateral import convex_hull
-
-EIGHT = np.ones((3, 3))
-
-
-def painted(components):
-    labels = np.zeros(components.runs.size, np.int64)
-    runs = components.runs
-    fields = (runs.frame, runs.row, runs.start, runs.end, components.label)
-    for frame, row, start, end, label in zip(
-        *(one.tolist() for one in fields), strict=True
-    ):
-        labels[frame, row, start : end + 1] = label
-    return labels
-
-
-def random_mask(seed):
-    rng = np.random.default_rng(seed)
-    masks, height, width = rng.integers(1, 4), rng.integers(1, 30), rng.integers(1, 30)
-    return torch.from_numpy(
-        rng.random((masks, height, width)) < rng.choice([0.02, 0.2, 0.4, 0.6, 0.97])
-    )
-
-
-@settings(max_examples=80, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_components_equal_scipys(seed):
-    mask = random_mask(seed)
-    components = label_components(mask)
-    ours, found = painted(components), 0
-    assert ((ours > 0) == mask.numpy()).all()
-    for frame, (plane, labels) in enumerate(zip(mask.numpy(), ours, strict=True)):
-        theirs, count = scipy.ndimage.label(plane, EIGHT)
-        pairs = set(zip(theirs[plane].tolist(), labels[plane].tolist(), strict=True))
-        assert len(pairs) == count == len({ours for _, ours in pairs})
-        for number, own in pairs:
-            assert components.area_px[own].item() == (theirs == number).sum()
-            assert components.frame[own].item() == frame
-        found += count
-    assert sorted(set(ours[ours > 0].tolist())) == list(range(1, found + 1))
 
 
 def random_masks(seed, frames=6, size=(37, 44), share=None):
@@ -70,10 +28,6 @@ def opencv_closing(mask, size):
     plane = np.pad(mask.astype(np.uint8), size)
     closed = cv2.morphologyEx(plane, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
     return closed[size:-size, size:-size]
-
-
-def closed_labels(mask, size):
-    return label_components(close_mask(mask[:, None], size)[:, 0])
 
 
 def opencv_blobs(mask, size):
@@ -100,9 +54,9 @@ def opencv_blobs(mask, size):
     return sorted(found, key=lambda blob: blob[2][::-1])
 
 
-def as_opencv(blobs, frame):
+def as_opencv(blobs):
     found = []
-    for i in (blobs.frame == frame).nonzero()[:, 0].tolist():
+    for i in range(len(blobs)):
         left = blobs.left_px[i].item()
         height = int((blobs.first[i] <= blobs.last[i]).nonzero().max()) + 1
         rows = zip(
@@ -117,20 +71,17 @@ def as_opencv(blobs, frame):
             tuple(blobs.first_px[i].tolist()),
         )
         found.append((*whole, left, extremes))
-    return found
+    return sorted(found, key=lambda blob: blob[2][::-1])
 
 
 @pytest.mark.parametrize(
     ("closing", "share"), [(1, 0.3), (3, 0.06), (5, 0.02), (11, 0.004)]
 )
 def test_blobs_equal_opencvs(closing, share):
-    mask = torch.from_numpy(random_masks(closing, share=share))
-    blobs = collect_blobs(runs_of(mask), closed_labels(mask, closing))
-    for frame in range(len(mask)):
-        expected = opencv_blobs(mask[frame].numpy(), closing)
-        assert as_opencv(blobs, frame) == expected
-        assert blobs.components[frame].item() == len(expected)
-    assert blobs.frame.tolist() == sorted(blobs.frame.tolist())
+    for mask in torch.from_numpy(random_masks(closing, share=share)):
+        labels = label_components(close_mask(mask[None, None], closing)[0, 0])
+        blobs = collect_blobs(Stretches.of(mask, labels), labels)
+        assert as_opencv(blobs) == opencv_blobs(mask.numpy(), closing)
 
 
 @pytest.mark.parametrize("shape", ["disc", "turned square", "noise"])

@@ -24,8 +24,6 @@ class HullSettings:
 
     length_unit_px: float = 2.0**-32  # lengths add as whole numbers of it: no order
     tie_share: float = 1e-9  # areas of rectangles that differ by less are equal
-    step_pairs: int = 1 << 21  # most pairs of rows in one step, for bounded memory
-    step_pairs_elsewhere: int = 1 << 28  # the same on an accelerator
     passes: int = (
         16  # over the rows of hulls that nobody waits for; scenes take up to 6
     )
@@ -287,7 +285,7 @@ def measure_blobs(
     *,
     at_once: bool = False,
 ) -> Measures:
-    """Measure blobs against the panel looked for.
+    """Measure blobs, at least one, against the panel looked for.
 
     Args:
         first: see :func:`convex_hull`.
@@ -306,22 +304,6 @@ def measure_blobs(
         >>> found.score.item(), found.pitch_px.item()
         (1.0, 3.0)
     """
-    blobs, height = first.shape
-    if not blobs:
-        none = area_px.double()
-        return Measures(none.new_zeros(0, 4, 2), none > 0, none, none)
-    most = HULL.step_pairs if first.is_cpu else HULL.step_pairs_elsewhere
-    if blobs > 1 and blobs * height**2 > most:
-        # In two halves by height, for bounded memory.
-        below = torch.arange(1, height + 1, device=first.device)
-        heights = (below * (first <= last)).amax(1)
-        order, halves = heights.argsort(stable=True), []
-        for rows in (order[: blobs // 2], order[blobs // 2 :]):
-            tall = int(heights[rows[-1]])
-            given = first[rows, :tall], last[rows, :tall], area_px[rows], place_px[rows]
-            halves.append(measure_blobs(*given, shape, limits, at_once=at_once))
-        back = order.argsort()
-        return Measures(*(torch.cat(both)[back] for both in zip(*halves, strict=True)))
     hull = convex_hull(first, last, at_once=at_once)
     area, perimeter = hull_area_and_perimeter(hull)
     least = minimum_area_rectangle(hull)

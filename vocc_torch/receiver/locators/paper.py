@@ -1,7 +1,7 @@
 """Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -20,9 +20,6 @@ from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 class LadderSettings:
     """How the ladder of closings is climbed."""
 
-    pass_px: int = 1 << 21  # most pixels in one pass, for bounded memory
-    small_pass_px: int = 1 << 18  # passes below this are not worth parting further
-    small_mask_px: int = 1 << 15  # up to this size masks are tried without the ladder
     most_side_px: int = 1 << 15  # columns of a blob are counted in 16 bits
     merge_ratio: float = 0.75  # of the best score so far: a merged blob explains more, so it may score less
     whole_share: float = (
@@ -30,7 +27,9 @@ class LadderSettings:
     )
     reach_pitches: float = 1.4  # LED pitches that span one Off LED between two On ones
     last_pitches: float = 3.0  # LED pitches that fill all but the widest gaps
-    window_px: int = 192  # side up to which an accelerator takes all masks at once
+    window_px: int = 192  # side up to which masks are tried many at once
+    pass_masks: int = 1 << 6  # masks at once, for bounded memory
+    pass_masks_elsewhere: int = 1 << 12  # the same on an accelerator
 
 
 LADDER = LadderSettings()
@@ -57,27 +56,6 @@ def quantised(grey: Tensor) -> Tensor:
             "frames.grey holds NaN or infinity: it must be grey values, 0 to 255"
         )
     return grey.round().clamp(0, 255).to(torch.uint8)
-
-
-@dataclass(frozen=True, slots=True)
-class Choice(Panels):
-    """The panels chosen so far, of which some can be taken and overwritten; zeros where there is none.
-
-    Args:
-        first_px: (B,2) int64, column and row of the first pixel of the chosen blob, in its mask.
-        mask_px: (B,) int64, number of the blob's mask pixels.
-    """
-
-    first_px: Tensor
-    mask_px: Tensor
-
-    @classmethod
-    def none(cls, masks: int, device: torch.device) -> Self:
-        """Start with nothing chosen."""
-        panels = no_panels(masks, device)
-        count = panels.candidates
-        values = panels.corners_px, panels.found, panels.score, count
-        return cls(*values, count.new_zeros(masks, 2), count.clone())
 
 
 @dataclass(frozen=True)
@@ -195,30 +173,33 @@ class PaperLocator(LocatorLimits, PanelLocator):
             The choice, with corners on the sensor, and the facts.
         """
         grey, boxes = frames.grey, _foreground_boxes(frames.grey, threshold)
-        place, rows = boxes[:, :2] + frames.origin_px, torch.arange(len(boxes))
-        panels, left = no_panels(len(boxes), grey.device), boxes[:, 2] > 0
-        if not grey.is_cpu:
+        place, left = boxes[:, :2] + frames.origin_px, boxes[:, 2] > 0
+        panels, sides = no_panels(len(boxes), grey.device), boxes[:, 2:].amax(1)
+        if grey.is_cpu:
+            order = sides.argsort()
+            order = order[left[order] & (sides[order] <= LADDER.window_px)]
+            passes = torch.split(order, LADDER.pass_masks)
+        else:
+            order = torch.arange(len(boxes), device=grey.device)
+            passes = torch.split(order, LADDER.pass_masks_elsewhere)
+        for rows in passes:
+            if not len(rows):
+                break
             height, width = (min(side, LADDER.window_px) for side in grey.shape[-2:])
+            if grey.is_cpu:
+                width, height = boxes[rows, 2:].amax(0).tolist()
             mask = _cut(grey, threshold, boxes, rows, width, height)
-            panels, sure = choose_single(mask, place, shape, self)
-            left &= ~sure | (boxes[:, 2] > width) | (boxes[:, 3] > height)
+            part, sure = choose_single(mask, place[rows], shape, self)
+            panels.put(rows, part)
+            left[rows] &= ~sure | (sides[rows] > LADDER.window_px)
         columns = [boxes, left[:, None]] + ([] if facts is None else [facts])
         known = torch.cat([column.long() for column in columns], 1).cpu()
-        sizes = (known[:, :4] * known[:, 4:5]).numpy()
-        for some, width, height in _passes(sizes):
-            rows = torch.from_numpy(some)
-            mask = _cut(grey, threshold, boxes, rows, width, height)
-            if grey.is_cpu and width * height <= LADDER.small_mask_px:
-                part, sure = choose_single(mask, place[rows], shape, self)
-                if len(boxes) == 1 and bool(sure):
-                    return part, known[:, 5:].numpy()
-                panels.put(rows, part)
-                rows, mask = rows[~sure], mask[~sure]
-            if len(rows):
-                where = rows.to(grey.device)
-                blobs = climb(mask, shape, self)
-                blobs.corners_px.add_((place[where] * blobs.found[:, None])[:, None])
-                panels.put(where, blobs)
+        for row in known[:, 4].nonzero()[:, 0].tolist():
+            x, y, width, height = known[row, :4].tolist()
+            plane = grey[row, 0, y : y + height, x : x + width]
+            climbed = climb((plane > threshold[row]).cpu(), shape, self)
+            panels.put(slice(row, row + 1), climbed.to(grey.device))
+            panels.corners_px[row] += place[row] * panels.found[row]
         return panels, known[:, 5:].numpy()
 
 
@@ -319,31 +300,6 @@ def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
     return torch.stack([end for pair in zip(*ends, strict=True) for end in pair], 1)
 
 
-def _passes(boxes: NDArray[np.int64]) -> list[tuple[NDArray[np.int64], int, int]]:
-    """Group frames by the size of their box of foreground: indices, common width and height of each pass."""
-    area = boxes[:, 2] * boxes[:, 3]
-    order = area.argsort(kind="stable")
-    order = order[area[order] > 0]
-    sizes = boxes[order, 2:].tolist()
-    passes: list[tuple[NDArray[np.int64], int, int]] = []
-    begin = width = height = pixels = 0
-    for index, (wide, high) in enumerate(sizes):
-        padded = (index + 1 - begin) * max(width, wide) * max(height, high)
-        if index > begin and padded > min(
-            LADDER.pass_px, max(LADDER.small_pass_px, 4 * (pixels + wide * high))
-        ):
-            passes.append((order[begin:index], width, height))
-            begin, width, height, pixels = index, 0, 0, 0
-        width, height, pixels = (
-            max(width, wide),
-            max(height, high),
-            pixels + wide * high,
-        )
-    if sizes:
-        passes.append((order[begin:], width, height))
-    return passes
-
-
 def _cut(
     grey: Tensor,
     threshold: Tensor,
@@ -378,105 +334,65 @@ def _cut(
     )
 
 
-def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Choice:
-    """Choose the panel's blob in each mask by the rule in :class:`PaperLocator`: the ladder of closings.
+def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Panels:
+    """Choose the panel's blob in a mask by the rule in :class:`PaperLocator`: the ladder of closings.
 
     Args:
-        mask: (B,H,W) bool, each mask's foreground starting in its first row and first column.
+        mask: (H,W) bool in the CPU's memory, its foreground starting in its first row and first column.
         shape: the panel looked for.
         search: limits and settings.
 
     Returns:
-        The choice, of length B, in the masks' coordinates.
+        One panel, in the mask's coordinates.
 
     Example:
-        >>> mask = torch.zeros(1, 9, 40, dtype=torch.bool)
-        >>> mask[0, :, :9] = mask[0, :5, 30:] = True
+        >>> mask = torch.zeros(9, 40, dtype=torch.bool)
+        >>> mask[:, :9] = mask[:5, 30:] = True
         >>> climb(mask, PanelShape(1, 1), LocatorLimits(3, 1, 0.0, 0.0, "upright")).candidates.tolist()
         [2]
     """
-    choice = Choice.none(len(mask), mask.device)
-    peak, foreground = choice.score.clone(), mask.sum((1, 2))
-    active = torch.arange(len(mask), device=mask.device)
-    coarse, level, runs = mask, 0, None
+    panel, foreground = no_panels(1, mask.device), int(mask.sum())
+    first_px, mask_px, score, peak = [0, 0], 0, 0.0, 0.0
+    coarse, level, stretches = mask[None, None], 0, None
     while True:
-        closed = components.close_mask(coarse[:, None], search.closing_px)[:, 0]
-        labelled = components.label_components(closed)
-        runs = components.joined(mask, labelled.runs) if runs is None else runs
+        labels = components.label_components(
+            components.close_mask(coarse, search.closing_px)[0, 0]
+        )
+        stretches = stretches or components.Stretches.of(mask, labels)
         blobs = components.collect_blobs(
-            runs, labelled, min_area_px=search.min_area_px, level=level
+            stretches, labels, min_area_px=search.min_area_px, level=level
         )
-        now, pitch, label = _level_choice(blobs, len(active), shape, search)
-        before = choice[active]
-        column, row = (before.first_px >> level).unbind(1)
-        holds = (
-            labelled.at(torch.arange(len(active), device=mask.device), row, column)
-            == label
-        )
-        # A blob that holds the chosen one and more may score a little less; the same blob may not.
-        bar = torch.where(
-            now.mask_px > before.mask_px,
-            LADDER.merge_ratio * peak[active],
-            before.score,
-        )
-        better = (
-            torch.where(holds, now.score >= bar, now.score > before.score)
-            | ~before.found
-        )
-        better &= now.found
-        choice.put(active[better], now[better])
-        peak[active[better]] = torch.where(
-            holds, torch.maximum(peak[active], now.score), now.score
-        )[better]
-        whole_panels = choice.mask_px[active] >= LADDER.whole_share * foreground[active]
-        pitches = torch.where(whole_panels, LADDER.reach_pitches, LADDER.last_pitches)
-        on = ((blobs.components > 1) & ~whole_panels) | (
-            (search.closing_px << level) < pitches * pitch
-        )
-        if not bool(on.any()):
-            return choice
-        active, runs, coarse = (
-            active[on],
-            runs.of(on),
-            components.halve_mask(coarse[on][:, None])[:, 0],
-        )
-        level += 1
+        pitch = 0.0
+        if len(blobs):
+            place_px = torch.stack([blobs.left_px, blobs.first_px[:, 1]], 1)
+            measures = measure_blobs(
+                blobs.first, blobs.last, blobs.area_px, place_px, shape, search
+            )
+            pitch = float(measures.pitch_px[_best(measures.score)])
+            best = _best(measures.score.where(measures.within, 0.0))
+            now = float(measures.score[best]) * bool(measures.within[best])
+            now_px = int(blobs.mask_px[best])
+            x, y = (place >> level for place in first_px)
+            holds = mask_px > 0 and bool(labels[y, x] == blobs.label[best])
+            # A blob that holds the chosen one and more may score a little less; the same blob may not.
+            bar = LADDER.merge_ratio * peak if now_px > mask_px else score
+            if now > 0 and (now >= bar if holds else now > score):
+                peak = max(peak, now) if holds else now
+                first_px, mask_px = blobs.first_px[best].tolist(), now_px
+                score, found = now, measures.score[best, None]
+                count = measures.within.sum()[None]
+                panel = Panels(measures.corners_px[best, None], found > 0, found, count)
+        whole = mask_px >= LADDER.whole_share * foreground
+        pitches = LADDER.reach_pitches if whole else LADDER.last_pitches
+        parted = bool(labels.amax() > 1) and not whole
+        if not parted and search.closing_px << level >= pitches * pitch:
+            return panel
+        coarse, level = components.halve_mask(coarse), level + 1
 
 
-def _level_choice(
-    blobs: components.Blobs, masks: int, shape: PanelShape, search: LocatorLimits
-) -> tuple[Choice, Tensor, Tensor]:
-    """Choose at one level: the best blobs within limits, the pitch of the best of all, the labels."""
-    place_px = torch.stack([blobs.left_px, blobs.first_px[:, 1]], 1)
-    corners_px, passed, score, pitch_px = measure_blobs(
-        blobs.first, blobs.last, blobs.area_px, place_px, shape, search
-    )
-    chosen = []
-    # Each mask's allowed blob of highest score, the first of equals, M if there is none.
-    for allowed in (passed, torch.ones_like(passed)):
-        frame = blobs.frame[allowed]
-        highest = score.new_zeros(masks)
-        highest = highest.scatter_reduce(
-            0, frame, score[allowed], "amax", include_self=False
-        )
-        top_blob = (allowed & (score == highest[blobs.frame])).nonzero()[:, 0]
-        none = torch.full_like(blobs.components, len(blobs))
-        chosen.append(none.scatter_reduce(0, blobs.frame[top_blob], top_blob, "amin"))
-    best, likely = chosen
-    found = (best < len(blobs)).nonzero()[:, 0]
-    blob = best[found]
-    candidates = torch.bincount(blobs.frame[passed], minlength=masks)[found]
-    values = (
-        corners_px[blob],
-        score[blob] > 0,
-        score[blob],
-        candidates,
-        blobs.first_px[blob],
-    )
-    choice = Choice.none(masks, best.device)
-    choice.put(found, Choice(*values, blobs.mask_px[blob]))
-    label = torch.zeros_like(best).index_copy(0, found, blobs.label[blob])
-    return choice, torch.cat([pitch_px, pitch_px.new_zeros(1)])[likely], label
+def _best(score: Tensor) -> int:
+    """Return the index of the highest score (M,), the first of equals."""
+    return int(score.numpy().argmax())
 
 
 def is_single(mask: Tensor) -> Tensor:
