@@ -1,7 +1,6 @@
 """The command line's way from words to what a task builds before it works, without running it."""
 
 from copy import deepcopy
-from pathlib import Path
 
 from hydra import compose, initialize_config_module
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
@@ -22,7 +21,6 @@ from vocc_torch.studies.compare.rivals import build_classifier_study
 from vocc_torch.studies.compare.tradeoff import build_tradeoff_study
 from vocc_torch.studies.paper.plan import plan_figures
 
-NOWHERE = Path("runs/none")
 REFUSALS = (
     HydraException,
     OmegaConfBaseException,
@@ -66,16 +64,16 @@ def built(settings):
         return None
     if settings.task in ("record", "receive"):
         settings = with_panel_of(settings, MessagePlan(PanelShape(), Signalling()))
-    plan = build_plan(settings, NOWHERE)
+    plan = build_plan(settings)
     plan.world.simulator()
     if settings.task == "classifiers":
-        return build_classifier_study(settings, settings.rivals, NOWHERE)
+        return build_classifier_study(settings, settings.rivals)
     if settings.task == "figures":
-        return plan_figures(settings, settings.figures, NOWHERE)
+        return plan_figures(settings, settings.figures)
     if settings.task == "effects":
-        return build_effect_study(settings, settings.effects, NOWHERE)
+        return build_effect_study(settings, settings.effects)
     if settings.task == "tradeoff":
-        return build_tradeoff_study(settings, settings.tradeoff, NOWHERE)
+        return build_tradeoff_study(settings, settings.tradeoff)
     return plan
 
 

@@ -90,7 +90,7 @@ class Watch:
         self._on_receivers(monkeypatch)
         training = (
             (train_module, "train_flda", "train"),
-            (train_module, "train_classifiers", "train"),
+            (train_module, "train_classifier", "train"),
             (train_module, "calibrated_receiver", "calibrate"),
             (samples, "write_samples", "show"),
         )

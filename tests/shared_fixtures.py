@@ -93,7 +93,6 @@ def make_plan():
             receiver=ReceiverPlan(names=names, locator=locator),
             experiment=experiment,
             budget=Budget(frames, training_frames, target),
-            folder=Path("unused"),
             seed=seed,
             batch_frames=batch_frames,
         )

@@ -33,7 +33,7 @@ def plan(tmp_path_factory):
         settings = resolved(
             compose("config", overrides=[*LITTLE, "receiver.locator=paper"])
         )
-    return build_plan(settings, tmp_path_factory.mktemp("plan"))
+    return build_plan(settings)
 
 
 @pytest.fixture(scope="module")

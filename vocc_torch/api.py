@@ -45,9 +45,6 @@ from vocc_torch.yaml_text import parse_yaml, read_yaml
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NOWHERE = Path("runs")
-"""The folder of a plan that writes nothing."""
-
 TEMPLATES = ("own", "sklearn")
 """Options of the group classifier that name no class."""
 
@@ -173,7 +170,7 @@ def train(
             Budget(training_frames=frames),
         )
         experiment = Experiment("own", "distance_m", world.scene.distance_m.bounds[:1])
-        plan = Plan(world, receivers, experiment, budget, NOWHERE, seed)
+        plan = Plan(world, receivers, experiment, budget, seed)
     return training.calibrated_receiver(plan, training.train(plan))
 
 
@@ -365,7 +362,8 @@ def measure(
         raise VoccError.of("receivers", "{}", "a receiver, or several by name")
     axes = Experiment(experiment, axis, tuple(map(float, values)))
     reader = next(iter(named.values())).reader
-    plan = Plan(world, ReceiverPlan(reader=reader), axes, Budget(frames), NOWHERE, seed)
+    plan = Plan(world, ReceiverPlan(reader=reader), axes, Budget(frames), seed)
+    simulated = sweep.monte_carlo_values(plan)
     with ExitStack() as held:
         opened = None
         if store is not None:
@@ -378,14 +376,14 @@ def measure(
                 sweep.point_name(axes, value),
                 Whole(named),
             )
-            for value in axes.values
+            for value in simulated
         ]
         counted = sweep.outcomes(
             jobs, Workers(1), opened, lambda _, more, __: progress(more)
         )
-        outcomes = dict(zip(axes.values, counted, strict=True))
+        outcomes = dict(zip(simulated, counted, strict=True))
     keys = {name: Key(OWN, name) for name in named}
-    return Table(sweep.curves_of(experiment, axis, keys, outcomes))
+    return Table(sweep.curves_of(axes, keys, outcomes))
 
 
 OWN = "of each receiver"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from composing import NOWHERE, built, composed
+from composing import built, composed
 
 from vocc_torch.app.config import AppConfig
 from vocc_torch.app.resolve import (
@@ -163,7 +163,7 @@ def spent(settings):
     study, plan = built(settings), None
     if task in ("record", "receive"):
         settings = with_panel_of(settings, MessagePlan(PanelShape(), Signalling()))
-    plan = build_plan(settings, NOWHERE)
+    plan = build_plan(settings)
     # Which name no receivers; train alone narrows scenes.
     if task in (
         "train",

@@ -56,7 +56,7 @@ DOES_NOT = {
 @pytest.fixture(scope="module")
 def plan():
     experiment = Experiment("light", "ambient_lx", (4000.0, 8000.0))
-    return Plan(World(), ReceiverPlan(), experiment, Budget(), Path("runs"))
+    return Plan(World(), ReceiverPlan(), experiment, Budget())
 
 
 def changed(value, path, new):

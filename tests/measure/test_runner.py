@@ -309,9 +309,7 @@ def test_a_block_of_a_group_that_its_point_does_not_have_is_refused(
 ):
     """As a ledger that is forged and sealed may have it."""
     world, budget = World(device="cpu"), Budget(64)
-    plan = Plan(
-        world, ReceiverPlan(), Experiment("e", axis, values), budget, Path("runs")
-    )
+    plan = Plan(world, ReceiverPlan(), Experiment("e", axis, values), budget)
     bank = ReceiverBank(["average_greyscale"], FLDA(3))
     job = runner.Job(plan, world.scene, "e", runner.Banks([("truth", bank, 0)]))
     right = np.ones((1, 64), bool)

@@ -3,7 +3,6 @@
 import copy
 import functools
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -100,7 +99,7 @@ def observed_of(changes):
     for key, value in changes.items():
         *parents, name = key.split(".")
         functools.reduce(dict.__getitem__, parents, plain)[name] = value
-    plan = build_plan(resolved(OmegaConf.create(plain)), Path("runs/none"))
+    plan = build_plan(resolved(OmegaConf.create(plain)))
     model = plan.experiment.model_at(plan.world, plan.experiment.values[0])
     link = Link.of(plan)
     keys = block_keys(plan.seed, "extremes", 2)

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -79,12 +78,8 @@ def build_panel(settings: PanelSettings) -> LedPanel:
     return LedPanel(shape=PanelShape(panel.pop("rows"), panel.pop("columns")), **panel)
 
 
-def build_plan(settings: Settings, folder: Path) -> plans.Plan:
+def build_plan(settings: Settings) -> plans.Plan:
     """Build the plan that a configuration describes, checking every value on the way.
-
-    Args:
-        settings: the resolved configuration.
-        folder: where the results go.
 
     Raises:
         VoccError: a value outside its range, named by its key.
@@ -97,7 +92,7 @@ def build_plan(settings: Settings, folder: Path) -> plans.Plan:
         settings, world.panel, settings.task in ("train", "decode", "receive")
     )
     draws = (settings.seed, settings.batch_frames)
-    return plans.Plan(world, receivers, settings.experiment, budget, folder, *draws)
+    return plans.Plan(world, receivers, settings.experiment, budget, *draws)
 
 
 def receiver_plan(

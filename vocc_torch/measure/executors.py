@@ -344,7 +344,6 @@ def about_run(kind: str) -> bytes:
 @functools.cache
 def _prepare(run: bytes) -> None:
     """Make this process ready for a run, once, or refuse."""
-    torch.set_num_threads(1)  # the processes together use the cores
     timing.settle_memory()
     expected, files = pickle.loads(run)
     if (here := releases()) != expected:
@@ -375,8 +374,10 @@ def called(run: bytes, call: bytes, argument: bytes) -> bytes:
     """
     try:
         _prepare(run)
+        with timing.threads(1):  # the processes together use the cores
+            result = _unpacked(call)(pickle.loads(argument))
         # In one piece: torch would send each tensor as an open file of this process, for the other to fetch.
-        return pickle.dumps((True, _unpacked(call)(pickle.loads(argument))))
+        return pickle.dumps((True, result))
     except Exception as error:
         error.add_note(f"in a worker:\n{traceback.format_exc()}")
         with suppress(Exception):  # an error may be such that nobody can read it

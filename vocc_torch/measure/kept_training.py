@@ -17,8 +17,13 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.plan import ClassifierPlan, Plan, resolve_device
 from vocc_torch.measure.store import Store, canonical
-from vocc_torch.measure.train import Making, Training, train_part, training_key
-from vocc_torch.receiver.bank import FLDA_FEATURES
+from vocc_torch.measure.train import (
+    Making,
+    Training,
+    parts_of,
+    train_part,
+    training_key,
+)
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.model_file import MOST_BYTES, array_of, arrays_as_json
@@ -88,19 +93,10 @@ def train_plans(
     Raises:
         VoccError: as :func:`train`, or a worker that was ended from outside.
     """
-    parts: dict[str, Plan] = {}
-    parts_of_plans = []
-    for plan in plans:
-        # A part need not have the receiver that is kept.
-        receiver = replace(plan.receiver, save="flda_3")
-        alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
-        alone += [
-            replace(receiver, names=(classifier.name,), classifiers=(classifier,))
-            for classifier in receiver.classifiers
-        ]
-        split = (replace(plan, receiver=part) for part in alone)
-        parts_of_plans.append({training_key(part): part for part in split})
-        parts |= parts_of_plans[-1]
+    parts_of_plans = [
+        {training_key(part): part for part in parts_of(plan)} for plan in plans
+    ]
+    parts = {key: part for named in parts_of_plans for key, part in named.items()}
     trained: dict[str, Training] = {}
     for key, part in parts.items():
         if (stored := find(store, key, part)) is not None:

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -206,7 +205,6 @@ class Plan:
         receiver: what receives.
         experiment: the BER curve.
         budget: how many frames.
-        folder: where the results go.
         seed: root seed, at least 0.
         batch_frames: frames computed at a time, at least 1; it changes speed, never results.
 
@@ -218,7 +216,6 @@ class Plan:
     receiver: ReceiverPlan
     experiment: Experiment
     budget: Budget
-    folder: Path
     seed: int = 0
     batch_frames: int = 64
 
@@ -262,7 +259,7 @@ class Plan:
 
         Example:
             >>> grid = Experiment("dim", "distance_m", (25.0,), row_axis="ambient_lx", rows=(1000.0,))
-            >>> row = Plan(World(), ReceiverPlan(), grid, Budget(), Path("runs")).rows()[1000.0].experiment
+            >>> row = Plan(World(), ReceiverPlan(), grid, Budget()).rows()[1000.0].experiment
             >>> row.name, row.scene
             ('dim/ambient_lx=1000', {'ambient_lx': 1000.0})
         """
@@ -289,7 +286,7 @@ class Plan:
 def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     """Name what the counts of a plan depend on.
 
-    Left out is what changes only how long they take or how far they go: batch size, workers, folder, the
+    Left out is what changes only how long they take or how far they go: batch size, workers, the
     frames of the budget and the stop rule, and the values of the axis, each of which is a point with a name
     of its own. The edges of contrast bins stay: they decide which frames are counted together. So does the
     kind of device, between which rounding may move a pixel by one grey level, and the releases of what draws
@@ -302,7 +299,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     Example:
         >>> experiment = Experiment("d", "distance_m", (50.0,))
         >>> plans = [
-        ...     Plan(World(), ReceiverPlan(), experiment, Budget(frames), Path("runs"), batch_frames=frames)
+        ...     Plan(World(), ReceiverPlan(), experiment, Budget(frames), batch_frames=frames)
         ...     for frames in (64, 128)
         ... ]
         >>> identity(plans[0], ["truth"]) == identity(plans[1], ["truth"])

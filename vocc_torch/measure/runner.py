@@ -17,7 +17,7 @@ import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import intervals
-from vocc_torch.measure.config import Budget
+from vocc_torch.measure.config import Budget, Experiment
 from vocc_torch.measure.counts import Counts, half_errors
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
@@ -125,13 +125,18 @@ class Banks:
         return any(needs_preambles(bank.names) for _, bank, _ in self.banks)
 
 
-Sorter = Callable[[Link, Observation], torch.Tensor]
-"""Gives the group (B,) int64 of each frame of a batch; below 0 it is not counted."""
+def group_of(experiment: Experiment, link: Link, seen: Observation) -> torch.Tensor:
+    """Return the group that each frame counts in, (B,) int64: its contrast bin, -1 outside all bins; else 0.
 
-
-def unsorted(_: Link, seen: Observation) -> torch.Tensor:
-    """Count all frames in group 0."""
-    return torch.zeros(len(seen.bits), dtype=torch.int64, device=seen.bits.device)
+    A contrast on an edge between two bins belongs to the upper one; the last bin holds its upper edge too.
+    """
+    if experiment.axis != "contrast":
+        return torch.zeros(len(seen.bits), dtype=torch.int64, device=seen.bits.device)
+    contrast = link.simulator.contrast(seen.scene)
+    edges = contrast.new_tensor(experiment.values)
+    groups = torch.bucketize(contrast, edges, right=True) - 1
+    groups = torch.where(contrast == edges[-1], experiment.bins - 1, groups)
+    return torch.where(groups < experiment.bins, groups, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,15 +148,13 @@ class Job:
         model: the scenes.
         point: name that keys their random draws.
         receivers: what decides.
-        sorter: sorts the frames into groups.
         name: of its rows in the store, where several jobs count the same point; the point's by default.
 
     Example:
-        >>> from pathlib import Path
         >>> from vocc_torch.measure.plan import Experiment, ReceiverPlan, World
         >>> from vocc_torch.receiver.flda import FLDA
         >>> experiment = Experiment("d", "distance_m", (50.0,))
-        >>> plan = Plan(World(device="cpu"), ReceiverPlan(), experiment, Budget(2), Path("runs"))
+        >>> plan = Plan(World(device="cpu"), ReceiverPlan(), experiment, Budget(2))
         >>> greyscale = Banks([("truth", ReceiverBank(["average_greyscale"], FLDA(3)), 0)])
         >>> job = Job(plan, plan.world.scene, "d", greyscale)
         >>> with Workers(1) as workers:
@@ -164,7 +167,6 @@ class Job:
     model: SceneModel
     point: str
     receivers: Deciders
-    sorter: Sorter = unsorted
     name: str = ""
 
     @property
@@ -195,7 +197,8 @@ class Job:
             ]
             found = [view.panels.found for _, view in decided]
             off = [view.misplaced for _, view in decided]
-            groups = self.sorter(link, next(iter(views.values())))
+            seen = next(iter(views.values()))
+            groups = group_of(self.plan.experiment, link, seen)
             batches.append((*map(torch.stack, (halves, found, off)), groups))
         numbers, located, misplaced, sorted_by = (
             torch.cat(parts, dim=-1).cpu().numpy()

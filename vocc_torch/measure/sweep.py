@@ -6,13 +6,10 @@ from dataclasses import replace
 from functools import partial
 from typing import Literal, TypeAlias
 
-import torch
-
 from vocc_torch.measure import curve, runner
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
-from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.measure.store import Store
@@ -45,8 +42,7 @@ def job_of(
     if value is not None:
         point = point_name(experiment, value)
         model = experiment.model_at(plan.world, value)
-    sorter = partial(group_of, experiment)
-    return runner.Job(plan, model, point, runner.Banks(banks), sorter)
+    return runner.Job(plan, model, point, runner.Banks(banks))
 
 
 def outcomes(
@@ -85,22 +81,6 @@ def outcomes(
     return runner.count(points, workers, batch_frames)
 
 
-def group_of(experiment: Experiment, link: Link, seen: Observation) -> torch.Tensor:
-    """Return the group that each frame counts in, (B,) int64: its contrast bin, -1 outside all bins; else 0.
-
-    A contrast on an edge between two bins belongs to the upper one; the last bin holds its upper edge too.
-    """
-    if experiment.axis != "contrast":
-        return runner.unsorted(link, seen)
-    contrast = link.simulator.contrast(seen.scene)
-    edges = torch.tensor(
-        experiment.values, dtype=contrast.dtype, device=contrast.device
-    )
-    groups = torch.bucketize(contrast, edges, right=True) - 1
-    groups = torch.where(contrast == edges[-1], experiment.bins - 1, groups)
-    return torch.where(groups < experiment.bins, groups, -1)
-
-
 def point_name(experiment: Experiment, value: float) -> str:
     """Name a point; the name keys its random draws.
 
@@ -125,10 +105,9 @@ def scenes_of(plan: Plan, kind: Kind) -> dict[str, SceneModel]:
     """Give the scenes of training, or of each point of a curve or grid, by the name that keys their draws.
 
     Example:
-        >>> from pathlib import Path
         >>> from vocc_torch.measure.plan import Budget, ReceiverPlan, World
         >>> near = Experiment("near", "distance_m", (5.0, 10.0))
-        >>> plan = Plan(World(), ReceiverPlan(), near, Budget(), Path("runs"))
+        >>> plan = Plan(World(), ReceiverPlan(), near, Budget())
         >>> list(scenes_of(plan, "train")), list(scenes_of(plan, "test"))
         (['train'], ['near/distance_m=5', 'near/distance_m=10'])
     """
@@ -169,29 +148,26 @@ def curves_at(
         locator: its name.
         outcomes: by the value that was simulated.
     """
-    experiment = plan.experiment
-    if experiment.axis == "contrast":
-        # One outcome holds the groups of all values.
-        values, (sorted_outcome,) = axis_values(experiment), outcomes.values()
-        outcomes = {values[group]: part for group, part in sorted_outcome.by_group()}
     keys = {name: Key(locator, name) for name in plan.receiver.names}
-    return curves_of(experiment.name, experiment.axis, keys, outcomes)
+    return curves_of(plan.experiment, keys, outcomes)
 
 
 def curves_of(
-    experiment: str,
-    axis: str,
+    experiment: Experiment,
     receivers: Mapping[str, Key],
     outcomes: Mapping[float, runner.Outcome],
 ) -> curve.Curves:
     """Put what was counted of some receivers together.
 
     Args:
-        experiment: its name.
-        axis: quantity that varies.
+        experiment: what was measured.
         receivers: whose errors they are after the first training, by name, in the order of the results.
-        outcomes: by the value of the axis, ascending.
+        outcomes: by the value that was simulated, ascending.
     """
+    if experiment.axis == "contrast":
+        # One outcome holds the groups of all values.
+        values, (binned,) = axis_values(experiment), outcomes.values()
+        outcomes = {values[group]: part for group, part in binned.by_group()}
     names = tuple(receivers)
     counts: dict[tuple[str, float], Counts] = {}
     pairs: Pairs = {}
@@ -223,8 +199,8 @@ def curves_of(
     stopped = {at: outcome.stopped_by for at, outcome in outcomes.items()}
     locators = dict.fromkeys(key.locator for key in receivers.values())
     return curve.Curves(
-        experiment,
-        axis,
+        experiment.name,
+        experiment.axis,
         ", ".join(locators),
         names,
         tuple(outcomes),

@@ -6,17 +6,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
-from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import timing
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.plan import Plan, identity, resolve_device
+from vocc_torch.measure.plan import Plan, identity
 from vocc_torch.measure.store import canonical
 from vocc_torch.plugins import one_line
 from vocc_torch.receiver import discriminant
@@ -126,9 +124,7 @@ class Training:
         )
 
 
-def train(
-    plan: Plan, progress: Progress = lambda frames: None, *, flda: bool = True
-) -> Training:
+def train(plan: Plan, progress: Progress = lambda frames: None) -> Training:
     """Train FLDA and the plan's classifiers on its training scenes, as often as the budget says.
 
     Each training has frames of its own. The first is the one that is kept, and does not depend on how many
@@ -136,23 +132,44 @@ def train(
 
     Args:
         plan: the study.
-        progress: called with the frames done since the last call.
-        flda: whether FLDA learns.
+        progress: called with the frames that FLDA has seen since the last call.
 
     Raises:
         VoccError: no panel was found in any training frame, or a classifier that cannot be built or trained.
     """
+    return Training.joined([train_part(part, progress) for part in parts_of(plan)])
+
+
+def parts_of(plan: Plan) -> list[Plan]:
+    """Split a plan by what learns: FLDA, and each classifier. None has the receiver that is kept."""
+    receiver = replace(plan.receiver, save="flda_3")
+    alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
+    alone += [
+        replace(receiver, names=(recipe.name,), classifiers=(recipe,))
+        for recipe in receiver.classifiers
+    ]
+    return [replace(plan, receiver=part) for part in alone]
+
+
+def train_part(plan: Plan, progress: Progress = lambda frames: None) -> Training:
+    """Train a part of :func:`parts_of` as often as the budget says.
+
+    Raises:
+        VoccError: as :func:`train`.
+    """
     link, trainings = Link.of(plan), list[Training]()
     for number in range(plan.budget.trainings):
-        training = train_flda(plan, link, number, progress) if flda else Training()
-        trainings.append(train_classifiers(plan, link, training, number))
+        if plan.receiver.classifiers:
+            trainings.append(train_classifier(plan, link, number))
+        else:
+            trainings.append(train_flda(plan, link, number, progress))
     return replace(trainings[0], further=tuple(trainings[1:]))
 
 
 def train_flda(
     plan: Plan, link: Link, number: int, progress: Progress = lambda frames: None
 ) -> Training:
-    """Train FLDA, and keep some of its features for figures; arguments as :func:`train_classifiers`.
+    """Train FLDA, and keep some of its features for figures; arguments as :func:`train_classifier`.
 
     Raises:
         VoccError: no panel was found in any training frame, or LEDs of one status alone.
@@ -191,12 +208,6 @@ def training_key(plan: Plan) -> str:
     return canonical({**settings, "experiment": settings["experiment"]["training"]})
 
 
-def train_part(plan: Plan) -> Training:
-    """Train a receiver by itself on one thread: FLDA, or a plan's classifier."""
-    with timing.threads(1):
-        return train(plan, flda=not plan.receiver.classifiers)
-
-
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
     """Put the receiver together that the plan keeps, ready to decode recordings and to be saved."""
     name = plan.receiver.save
@@ -230,38 +241,19 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
     return receiver
 
 
-def receiver_for(
-    plan: Plan,
-    model: Path | None,
-    plug_ins: Sequence[str] = (),
-    *,
-    at_truth: bool = False,
-) -> Receiver:
-    """Load the receiver, or train one on the plan's scenes where no model is given.
+def receiver_for(plan: Plan, *, at_truth: bool = False) -> Receiver:
+    """Train a receiver on the plan's scenes.
 
     Args:
         plan: the study.
-        model: a receiver's file.
-        plug_ins: files of code that it may name.
         at_truth: whether it learns at the true corners, which is quick where its locator is slow.
-
-    Raises:
-        VoccError: a model that cannot be read or is for another panel.
     """
-    if model is None:
-        studied = plan.locating_with("truth") if at_truth else plan
-        untouched = replace(studied.experiment, training={})
-        receiver = calibrated_receiver(
-            studied, train(replace(studied, experiment=untouched))
-        )
-        receiver.locator = plan.receiver.finder or receiver.locator
-        return receiver
-    receiver = Receiver.load(model, plug_ins).to(resolve_device(plan.world.device))
-    expected, has = plan.receiver.reader.shape, receiver.shape
-    if expected != has:
-        refusal = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
-        other = f"panel.rows x panel.columns is {expected.rows} x {expected.columns}"
-        raise VoccError(f"{refusal}, and {other}: make them agree")
+    studied = plan.locating_with("truth") if at_truth else plan
+    untouched = replace(studied.experiment, training={})
+    receiver = calibrated_receiver(
+        studied, train(replace(studied, experiment=untouched))
+    )
+    receiver.locator = plan.receiver.finder or receiver.locator
     return receiver
 
 
@@ -347,49 +339,39 @@ class PanelStream:
         self.seconds += time.perf_counter() - begun
 
 
-def train_classifiers(
-    plan: Plan, link: Link, training: Training, number: int
-) -> Training:
-    """Train a plan's classifiers one after the other.
+def train_classifier(plan: Plan, link: Link, number: int) -> Training:
+    """Train a plan's only classifier.
 
     Training frames have the same names as those of FLDA; test frames never do.
 
     Args:
-        plan: the study.
+        plan: a part of the study.
         link: simulation, locator and reader.
-        training: what is trained already.
         number: of the training, from 0 on; each has frames and first weights of its own.
-
-    Returns:
-        The training with the classifiers too, and what each took.
 
     Raises:
         VoccError: a classifier that cannot be built or trained, by its name.
     """
-    classifiers, costs = {}, {}
+    (recipe,) = plan.receiver.classifiers
     scenes = plan.experiment.training_model(plan.world)
-    for recipe in plan.receiver.classifiers:
-        model = narrowed(scenes, recipe.scene, f"classifiers.{recipe.name}.scene")
-        point = training_point(number)
-        stream = PanelStream(link, model, plan.seed, recipe.inputs.of, point)
-        steps = replace(recipe.training, seed=recipe.training.seed + number)
-        guarded = plugged.classifier_of(recipe.build, recipe.inputs, steps)
-        begun = time.perf_counter()
-        with plugged.seeded(steps.seed):
-            guarded.fit_stream(stream, recipe.frames or plan.budget.training_frames)
-        # An interrupted training that went on has a price too.
-        earlier_s = float(getattr(guarded.classifier, "earlier_s", 0.0))
-        seconds = time.perf_counter() - begun + earlier_s
-        try:
-            size = len(pickle.dumps(guarded))
-        except Exception as error:
-            rule = "it must be possible to pickle it, for other processes"
-            reason = f"classifier {recipe.name}: {rule} ({one_line(error)})"
-            raise VoccError(reason) from error
-        counted = getattr(guarded.classifier, "parameters_count", None)
-        parameters = None if counted is None else int(counted)
-        classifiers[recipe.name] = guarded
-        costs[recipe.name] = Making(
-            seconds, stream.seconds, stream.frames, parameters, size
-        )
-    return replace(training, classifiers=classifiers, costs=costs)
+    model = narrowed(scenes, recipe.scene, f"classifiers.{recipe.name}.scene")
+    point = training_point(number)
+    stream = PanelStream(link, model, plan.seed, recipe.inputs.of, point)
+    steps = replace(recipe.training, seed=recipe.training.seed + number)
+    guarded = plugged.classifier_of(recipe.build, recipe.inputs, steps)
+    begun = time.perf_counter()
+    with plugged.seeded(steps.seed):
+        guarded.fit_stream(stream, recipe.frames or plan.budget.training_frames)
+    # An interrupted training that went on has a price too.
+    earlier_s = float(getattr(guarded.classifier, "earlier_s", 0.0))
+    seconds = time.perf_counter() - begun + earlier_s
+    try:
+        size = len(pickle.dumps(guarded))
+    except Exception as error:
+        rule = "it must be possible to pickle it, for other processes"
+        reason = f"classifier {recipe.name}: {rule} ({one_line(error)})"
+        raise VoccError(reason) from error
+    counted = getattr(guarded.classifier, "parameters_count", None)
+    parameters = None if counted is None else int(counted)
+    cost = Making(seconds, stream.seconds, stream.frames, parameters, size)
+    return Training(classifiers={recipe.name: guarded}, costs={recipe.name: cost})

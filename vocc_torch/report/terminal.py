@@ -252,7 +252,7 @@ def train_shown(study: plan.Plan, console: Console) -> train.Training:
 
         def learnt(counted: int) -> None:
             # The classifiers learn once FLDA has seen its frames.
-            last = (view.done + counted) % frames == 0 and study.receiver.classifiers
+            last = view.done + counted == frames * often and study.receiver.classifiers
             view.advance(
                 "training classifiers" if last else f"training on {frames} frames",
                 counted,

@@ -45,7 +45,7 @@ from vocc_torch.studies.run import begin, cases_of
 def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
     run_folder.refuse_results(folder)
-    plan, console = build.build_plan(settings, folder), terminal.Console()
+    plan, console = build.build_plan(settings), terminal.Console()
     with run_ledgers.resumable(settings, folder, console):
         samples.write_samples(folder, plan, ["train"])
         run_ledgers.write_training(
@@ -64,7 +64,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         VoccError: values that TensorBoard cannot tell apart, or whatever a stage refuses.
     """
     run_folder.refuse_results(folder, run_folder.LEDGER)
-    plan, console = build.build_plan(settings, folder), terminal.Console()
+    plan, console = build.build_plan(settings), terminal.Console()
     is_grid = plan.experiment.row_axis is not None
     drawing: dict[str, sweep.Prepare] = {}
     if target := plan.budget.sampling:

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from vocc_torch.measure import build, config, plan, train
+from vocc_torch.measure import build, config, plan
 from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.receiver import onnx_graph
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
+from vocc_torch.studies.decode.run import receiver_of
 from vocc_torch.studies.export import GraphConfig
 
 GRAPHS = ("receiver.onnx", "receiver_whole.onnx")
@@ -50,10 +51,9 @@ def run_export_receiver(
     """
     run_folder.refuse_results(folder)
     onnx_graph.demand_extra()
-    study, console = build.build_plan(settings, folder), terminal.Console()
+    study, console = build.build_plan(settings), terminal.Console()
     study = replace(study, experiment=replace(study.experiment, training={}))
-    model = None if settings.model is None else Path(settings.model)
-    receiver = train.receiver_for(study, model, settings.plug_ins).cpu()
+    receiver = receiver_of(settings, study, at_truth=False).cpu()
     finds = receiver.locator.exportable
     if not finds:
         console.print(
@@ -72,7 +72,7 @@ def run_export_receiver(
         console.print(f"{name}: {apart}", highlight=False, soft_wrap=True)
         run_folder.print_places(console, folder, [("graph", name)])
     run_folder.write_config(settings, folder)
-    if model is None:
+    if settings.model is None:
         receiver.save(folder / "receiver.pt")
         run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
 

@@ -159,7 +159,7 @@ def first_frames(outcome: runner.Outcome, frames: int) -> runner.Outcome:
     return runner.Outcome(errors, counts, outcome.stopped_by)
 
 
-def scene_plan(settings: Settings, folder: Path) -> tuple[Plan, dict[str, str]]:
+def scene_plan(settings: Settings) -> tuple[Plan, dict[str, str]]:
     """Build the plan of the scene itself, which no experiment narrows.
 
     Returns:
@@ -168,7 +168,7 @@ def scene_plan(settings: Settings, folder: Path) -> tuple[Plan, dict[str, str]]:
     Raises:
         VoccError: a value outside its range, named by its key.
     """
-    plan = build_plan(settings, folder)
+    plan = build_plan(settings)
     receiver, left_out = without_absent(plan.receiver)
     nearest_m = plan.world.scene.nearest_m
     experiment = Experiment(settings.task, "distance_m", (nearest_m,))

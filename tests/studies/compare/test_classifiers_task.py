@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vocc_torch.measure.config import Experiment
 from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.plan import ClassifierPlan, World
 from vocc_torch.measure.runner import Outcome
@@ -48,7 +49,8 @@ def curves():
             (key, 0): of for key, of in zip(found.keys, found.counts, strict=True)
         }
         outcomes[value] = Outcome(found, counts, "frames")
-    return curves_of("distance", "distance_m", keys, outcomes)
+    experiment = Experiment("distance", "distance_m", (30.0, 70.0))
+    return curves_of(experiment, keys, outcomes)
 
 
 PAIRS = (("paper", "paper"), ("night", "paper"), ("paper", "night"), ("night", "night"))

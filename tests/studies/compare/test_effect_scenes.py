@@ -54,7 +54,6 @@ def plan_of(effects=None, batch_frames=64, target=None):
         ReceiverPlan(names=("flda_2", "flda_3")),
         Experiment("effects", "distance_m", (50.0,)),
         Budget(FRAMES, 48, target),
-        Path("runs"),
         batch_frames=batch_frames,
     )
 

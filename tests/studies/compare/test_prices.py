@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vocc_torch.measure.config import Experiment
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors, Key
@@ -45,7 +46,8 @@ def measured(names, *trainings):
     counts = {(key, 0): of for key, of in zip(keys, errors.counts, strict=True)}
     receivers = {name: Key("truth", name) for name in names}
     outcomes = {50.0: Outcome(errors, counts, "frames")}
-    return curves_of("tradeoff", "distance_m", receivers, outcomes)
+    experiment = Experiment("tradeoff", "distance_m", (50.0,))
+    return curves_of(experiment, receivers, outcomes)
 
 
 def spent(total_ms):

@@ -25,7 +25,7 @@ SHAPE = PanelShape(8, 8)
 
 @pytest.fixture(scope="module")
 def receiver(make_plan):
-    return receiver_for(make_plan(locator="paper", training_frames=64), None)
+    return receiver_for(make_plan(locator="paper", training_frames=64))
 
 
 def red_on_white(noise=3.0, frames=1):

@@ -28,7 +28,7 @@ from vocc_torch.types import PanelShape
 @pytest.fixture(scope="module")
 def receiver(make_plan):
     """A receiver trained on 64 frames of the paper's scenes, located as it will have to locate."""
-    return receiver_for(make_plan(locator="paper", training_frames=64), None)
+    return receiver_for(make_plan(locator="paper", training_frames=64))
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +63,7 @@ def save(path, array, **options):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_real_photograph_is_read_without_an_error(make_plan, photo, photo_bits, seed):
     """No bit of 64 wrong, after training on 64 simulated frames and nothing else."""
-    receiver = receiver_for(
-        make_plan(locator="paper", training_frames=64, seed=seed), None
-    )
+    receiver = receiver_for(make_plan(locator="paper", training_frames=64, seed=seed))
     (reading,) = read_panels(receiver, read_recording(photo, "luma"))
     assert len(photo_bits) == 64
     assert reading.text == photo_bits
@@ -81,8 +79,8 @@ def test_receiver_does_not_depend_on_the_experiments_training(make_plan):
         experiment=dataclasses.replace(plan.experiment, name="lean", training=lean),
     )
     assert torch.equal(
-        receiver_for(plan, None).classifier.direction,
-        receiver_for(other, None).classifier.direction,
+        receiver_for(plan).classifier.direction,
+        receiver_for(other).classifier.direction,
     )
 
 

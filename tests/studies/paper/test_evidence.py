@@ -1,7 +1,5 @@
 """The figures' numbers against scikit-learn, brute force and the paper's equations."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from sklearn.metrics import roc_auc_score
@@ -18,9 +16,7 @@ from vocc_torch.studies.paper.plan import EVIDENCE
 def plan_of(**world):
     experiment = Experiment("ambient", "ambient_lx", (8000.0,))
     budget = Budget(training_frames=64)
-    return Plan(
-        World(device="cpu", **world), ReceiverPlan(), experiment, budget, Path("unused")
-    )
+    return Plan(World(device="cpu", **world), ReceiverPlan(), experiment, budget)
 
 
 @pytest.fixture(scope="module")

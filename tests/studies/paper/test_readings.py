@@ -60,13 +60,13 @@ def test_a_name_that_is_no_word_is_refused():
 
 def test_a_reading_of_an_effect_applies_where_the_scene_has_it(tmp_path):
     settings = composed(*ASK[:2])
-    (pixels,) = load_readings(["pixels"], settings, tmp_path)
+    (pixels,) = load_readings(["pixels"], settings)
     assert pixels.plan.world.effects["blooming"]["reach_sigmas"] == 2
     without = composed(*ASK[:2], "~scene.effects.blooming")
-    (pixels,) = load_readings(["pixels"], without, tmp_path)
+    (pixels,) = load_readings(["pixels"], without)
     assert "blooming" not in pixels.plan.world.effects
     (tmp_path / "typo.yaml").write_text(
         "mine: {why: w, set: {scene.effects.bloming.sigma_px: 1}}\n"
     )
     with pytest.raises(VoccError, match="bloming is not"):
-        load_readings([str(tmp_path / "typo.yaml")], without, tmp_path)
+        load_readings([str(tmp_path / "typo.yaml")], without)

@@ -60,7 +60,7 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     """
     run_folder.refuse_results(folder)
     console = terminal.Console()
-    plan = build_plan(settings, folder).locating_with("truth")
+    plan = build_plan(settings).locating_with("truth")
     # Refused, as a code that is not installed, before anything is trained.
     variants_of(plan, config)
     for code in config.codes:
@@ -73,7 +73,7 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
             layout = Layout(MessagePlan(plan.world.panel.shape, config.options(code)))
             payload_bytes(layout.code.info_bytes)
     training = terminal.train_shown(plan, console)
-    receivers = receivers_of(build_plan(settings, folder), training)
+    receivers = receivers_of(build_plan(settings), training)
     jobs = jobs_of(plan, config, receivers)
     results: list[Carried] = []
     pool = executors.Workers.of(settings)

@@ -17,7 +17,6 @@ from vocc_torch.files import write_atomically
 from vocc_torch.measure import timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.train import receiver_for
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import (
     batches,
@@ -27,7 +26,7 @@ from vocc_torch.recordings.reading import (
 )
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console, ProgressView
-from vocc_torch.studies.decode.run import write_receiver
+from vocc_torch.studies.decode.run import receiver_of, write_receiver
 
 BATCH_FRAMES = 64
 """Frames read at a time."""
@@ -98,10 +97,9 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     recording = readable(
         read_recording(source, config.channel, grey_only=True), failures
     )
-    model = None if settings.model is None else Path(settings.model)
-    study = build_plan(with_panel_of(settings, plan), folder)
+    settings = with_panel_of(settings, plan)
     # The panel is followed, so its corners are surer than those of single frames.
-    receiver = receiver_for(study, model, settings.plug_ins, at_truth=True)
+    receiver = receiver_of(settings, build_plan(settings), at_truth=True)
     front = Front(receiver, config.locate_every, config.soft, config.follow)
     rows: list[run_folder.Cells] = [COLUMNS]
     arrived: list[Packet] = []
@@ -139,7 +137,9 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
                 console, f"{name}: {size} bytes, all verified by their checksum"
             )
     run_folder.print_places(
-        console, folder, places + [("receiver", "receiver.pt")] * (model is None)
+        console,
+        folder,
+        places + [("receiver", "receiver.pt")] * (settings.model is None),
     )
     for doubt in doubts(assembly):
         warnings.warn(f"input {source}: {doubt}", stacklevel=2)

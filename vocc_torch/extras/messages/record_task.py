@@ -102,7 +102,7 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
         raise VoccError(
             f"input {source / FRAMES} has shape {film.shape}: it must be that of {PLAN}"
         )
-    study = build_plan(with_panel_of(settings, plan), folder)
+    study = build_plan(with_panel_of(settings, plan))
     simulator = study.world.simulator()
     if not any(
         isinstance(effect, Quantization) and effect.bits == 8

@@ -37,7 +37,7 @@ def run_classifiers(settings: Settings, rivals: RivalsConfig, folder: Path) -> N
     Raises:
         VoccError: an unknown name, a value outside its range, or whatever a stage refuses.
     """
-    study = build_classifier_study(settings, rivals, folder)
+    study = build_classifier_study(settings, rivals)
     first = next(iter(study.plans.values()))
     for classifier in first.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 from vocc_torch.errors import (
     VoccError,
@@ -96,7 +95,7 @@ class EffectStudy:
         >>> from vocc_torch.measure.plan import Budget, Experiment, ReceiverPlan, World
         >>> world = World(effects={"blooming": {"sigma_px": 1.5}}, device="cpu")
         >>> receivers = ReceiverPlan(names=("flda_3",))
-        >>> plan = Plan(world, receivers, Experiment("e", "distance_m", (50.0,)), Budget(64), Path("runs"))
+        >>> plan = Plan(world, receivers, Experiment("e", "distance_m", (50.0,)), Budget(64))
         >>> config = EffectsConfig(parts={"defocus": {"defocus": {"focus_distance_m": 9.0}}}, repeats=1)
         >>> [(pair.name, pair.differing, pair.in_scene) for pair in EffectStudy(plan, config).pairs]
         [('defocus', ('defocus',), False), ('blooming', ('blooming',), True)]
@@ -273,15 +272,13 @@ class EffectStudy:
         return min(located, frames)
 
 
-def build_effect_study(
-    settings: Settings, config: EffectsConfig, folder: Path
-) -> EffectStudy:
+def build_effect_study(settings: Settings, config: EffectsConfig) -> EffectStudy:
     """Build the study that ``task=effects`` makes.
 
     Raises:
         VoccError: a value outside its range, named by its key.
     """
-    plan, _ = scene_plan(settings, folder)
+    plan, _ = scene_plan(settings)
     if (shown := settings.receiver.save) not in (None, *settings.receiver.names):
         rule = "null or of receiver.names: task=effects shows it"
         raise VoccError.of("receiver.save", repr(shown), rule)

@@ -50,7 +50,7 @@ def run_effects_task(settings: Settings, effects: EffectsConfig, folder: Path) -
     Raises:
         VoccError: an unknown effect, a value outside its range, or whatever a stage refuses.
     """
-    study = build_effect_study(settings, effects, folder)
+    study = build_effect_study(settings, effects)
     with begin(settings, folder, study.plan, 3) as run:
         with run.stage("times", 1):
             costs = measure_costs(study)

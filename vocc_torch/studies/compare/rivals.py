@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 
 from vocc_torch.errors import VoccError, demand_least, demand_word, section
 from vocc_torch.measure.build import build_world
@@ -92,15 +91,13 @@ class ClassifierStudy:
         )
 
 
-def build_classifier_study(
-    settings: Settings, rivals: RivalsConfig, folder: Path
-) -> ClassifierStudy:
+def build_classifier_study(settings: Settings, rivals: RivalsConfig) -> ClassifierStudy:
     """Build the study that ``task=classifiers`` makes.
 
     Raises:
         VoccError: a value outside its range, named by its key.
     """
-    plan, left_out = scene_plan(settings, folder)
+    plan, left_out = scene_plan(settings)
     plans, scenes = {}, {}
     for name, experiment in rivals.experiments.items():
         key = f"rivals.experiments.{name}"

@@ -39,7 +39,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     Raises:
         VoccError: an unknown name, a value outside its range, or whatever a stage refuses.
     """
-    study = build_tradeoff_study(settings, config, folder)
+    study = build_tradeoff_study(settings, config)
     with begin(settings, folder, study.plan, 3) as run:
         prices = price_receivers(study, run)
     words = recommendation(prices)
@@ -70,15 +70,13 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     )
 
 
-def build_tradeoff_study(
-    settings: Settings, config: TradeoffConfig, folder: Path
-) -> TradeoffStudy:
+def build_tradeoff_study(settings: Settings, config: TradeoffConfig) -> TradeoffStudy:
     """Build the study that ``task=tradeoff`` makes.
 
     Raises:
         VoccError: a value outside its range, named by its key.
     """
-    plan, left_out = scene_plan(settings, folder)
+    plan, left_out = scene_plan(settings)
     # What ${receiver.locator} brought goes by its name.
     names = {settings.receiver.locator: plan.receiver.locator}
     locators = [names.get(name, name) for name in dict.fromkeys(config.locators)]
@@ -103,7 +101,7 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
     trainings = {locator: run.training(of) for locator, of in trained.items()}
     experiment, names = plan.experiment, {setting_name(key): key for key in keys}
     outcomes = {experiment.values[0]: outcome}
-    errors = sweep.curves_of(experiment.name, experiment.axis, names, outcomes)
+    errors = sweep.curves_of(experiment, names, outcomes)
     device = resolve_device(plan.world.device)
     finders = plan.receiver.finders(config.locators)
     receivers = {

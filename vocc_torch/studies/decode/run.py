@@ -4,8 +4,8 @@ import shutil
 import warnings
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -37,6 +37,9 @@ from vocc_torch.studies.decode.live import decode_live
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, demand_several
 from vocc_torch.studies.decode.summary import Summary, print_line
 from vocc_torch.studies.decode.viewer import Viewer
+
+if TYPE_CHECKING:
+    from vocc_torch.measure.plan import Plan
 
 
 def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
@@ -156,15 +159,14 @@ def readings_for(
     if settings.model is None:
         # Loaded here because a receiver that is at hand needs no simulation.
         from vocc_torch.measure.build import build_plan
-        from vocc_torch.measure.train import receiver_for
 
-        plan = build_plan(settings, folder)
+        plan = build_plan(settings)
         (finder,) = plan.receiver.finders([plan.receiver.locator]).values()
         demand_several(finder, config.most)
         at_truth = finder is not None and finder.finds_several
-        receiver = receiver_for(plan, None, at_truth=at_truth)
+        receiver = receiver_of(settings, plan, at_truth=at_truth)
     else:
-        panel, rate = asdict(settings.panel), settings.receiver.false_alarms
+        panel, rate = vars(settings.panel), settings.receiver.false_alarms
         sides, plug_ins = (panel["rows"], panel["columns"]), settings.plug_ins
         receiver, recording, choice = sized_receiver(
             recording, settings.model, *sides, plug_ins, rate, settings.device
@@ -174,6 +176,24 @@ def readings_for(
     readings, channel = readings_of(receiver, recording, config, is_live)
     print_line(console, channel)
     return receiver, readings
+
+
+def receiver_of(settings: Settings, plan: "Plan", *, at_truth: bool) -> Receiver:
+    """Load the receiver that ``model`` names, or train it on the plan's scenes where that is null.
+
+    Raises:
+        VoccError: a model that cannot be read or is for another panel.
+    """
+    if settings.model is None:
+        from vocc_torch.measure.train import receiver_for
+
+        return receiver_for(plan, at_truth=at_truth)
+    panel, plug_ins = vars(settings.panel), settings.plug_ins
+    shape, device = (panel["rows"], panel["columns"]), settings.device
+    receiver, *_ = sized_receiver(
+        iter(()), settings.model, *shape, plug_ins, device=device
+    )
+    return receiver
 
 
 def write_receiver(settings: Settings, receiver: Receiver, folder: Path) -> None:

@@ -39,7 +39,7 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
         VoccError: frames that are not of 8 bits, files of other settings, or whatever a stage refuses.
     """
     run_folder.refuse_results(folder, IDENTITY)
-    plan, console = build.build_plan(settings, folder), terminal.Console()
+    plan, console = build.build_plan(settings), terminal.Console()
     simulator = plan.world.simulator()
     if not any(
         isinstance(effect, Quantization) and effect.bits == 8
@@ -51,7 +51,7 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
     kind: sweep.Kind = "test" if config.points == "test" else "train"
     scenes = sweep.scenes_of(plan, kind).items()
     shards = [
-        Shard(plan, point, model, config, first)
+        Shard(folder, plan, point, model, config, first)
         for point, model in scenes
         for first in range(0, config.frames, config.shard_frames)
     ]
@@ -140,13 +140,15 @@ class Shard:
     """A folder of pictures and their truth; picklable for executors.
 
     Args:
-        plan: world, seed, folder and batch size.
+        folder: the run's.
+        plan: world, seed and batch size.
         point: name that keys the random draws.
         model: the scenes.
         config: how many frames, and how many of them in a folder.
         first: number of its first frame.
     """
 
+    folder: Path
     plan: Plan
     point: str
     model: SceneModel
@@ -165,7 +167,7 @@ class Shard:
 
     def write(self) -> bool:
         """Write the shard unless it is complete, and say whether it was written."""
-        target = self.plan.folder / self.place
+        target = self.folder / self.place
         if manifest.agrees(target):
             return False
         with atomic_folder(target) as folder:

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import files
-from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import yaml
@@ -129,22 +128,19 @@ class FigurePlan:
         return grid.Grid("ambient_lx", tuple(self.rows), curves)
 
 
-def plan_figures(
-    settings: configs.Settings, config: FiguresConfig, folder: Path
-) -> FigurePlan:
+def plan_figures(settings: configs.Settings, config: FiguresConfig) -> FigurePlan:
     """Plan the wanted figures.
 
     Args:
         settings: the configuration.
         config: the study's section of it.
-        folder: the run's folder.
 
     Raises:
         VoccError: an unknown figure or reading, an experiment outside its range, or none of the receivers
             that the figures show.
     """
     names = wanted_figures(config.names)
-    readings = load_readings(config.readings, settings, folder)
+    readings = load_readings(config.readings, settings)
     first = readings[0].plan
     if not {*first.receiver.names} & {*PAPER_RECEIVERS}:
         known = ", ".join(PAPER_RECEIVERS)

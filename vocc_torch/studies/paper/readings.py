@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from importlib.resources import files as resources
-from pathlib import Path
 from typing import Any
 
 from vocc_torch.errors import VoccError, section
@@ -41,14 +40,13 @@ class PaperReading:
 
 
 def load_readings(
-    names: Sequence[str], settings: config.Settings, folder: Path
+    names: Sequence[str], settings: config.Settings
 ) -> tuple[PaperReading, ...]:
     """Give readings by name, and those of files, in order.
 
     Args:
         names: of ``readings.yaml``, or files of the same form, which end in ``.yaml``.
         settings: what the readings change.
-        folder: of the run.
 
     Raises:
         VoccError: no reading, a reading given twice, an unknown name, or a file that has no readings.
@@ -82,7 +80,7 @@ def load_readings(
                     changes.append(value)
                     for part in reversed(key.split(".")):
                         changes[-1] = {part: changes[-1]}
-            plan = build.build_plan(typed(config.Settings, plain, *changes), folder)
+            plan = build.build_plan(typed(config.Settings, plain, *changes))
             plan.world.simulator()  # a wrong effect is refused now
             readings.append(PaperReading(name, entry["set"], entry["why"], plan))
     return tuple(readings)

@@ -40,7 +40,7 @@ def run_figures(
                 raise VoccError(
                     f"name: {folder} holds a report of other figures.{key}: give another name="
                 )
-    plan = plan_figures(settings, config, folder)
+    plan = plan_figures(settings, config)
     watch, stages = terminal.Stopwatch(terminal.Console()), 1 + len(plan.every_study)
     # The ledger is open to the end: a second run would write over the same report.
     with begin(settings, folder, plan.readings[0].plan, stages) as run:
