@@ -399,7 +399,6 @@ class Whole:
     """
 
     receivers: Mapping[str, Receiver]
-    needs_preambles: bool = False
 
     @property
     def keys(self) -> tuple[Key, ...]:

@@ -38,7 +38,7 @@ DEPENDS = {
 """What no key of the command line sets alone; tests/app/test_every_key.py sets each of the others."""
 
 DOES_NOT = {
-    **{"folder": Path("elsewhere"), "batch_frames": 1, "world.device": "cpu"},
+    **{"batch_frames": 1, "world.device": "cpu"},
     **under("receiver", save="flda_agr", locator="truth"),
     **under(
         "experiment",

@@ -219,7 +219,7 @@ QDA = [{"name": "b", "file": "mine/qda.py", "digest": "2e"}]
     [
         (
             {"seed": 8},
-            "ledger runs/ledger.sqlite: seed was 7, is 8: use the earlier values, or choose another ledger",
+            "ledger runs/ledger.sqlite: seed was 7, is 8: use the earlier values, or give another name= or file",
         ),
         (
             {

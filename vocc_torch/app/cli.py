@@ -123,8 +123,11 @@ def run_task(settings: AppConfig, folder: Path) -> None:
     task = TASKS[settings.task]
     module, name = task.run.split(":")
     section = [] if task.part is None else [getattr(settings, task.part)]
-    # torch is imported here and not above, so that --help and misspelled keys answer at once.
+    # Imported here and not above, so that --help and misspelled keys answer at once.
+    from vocc_torch.report.folder import refuse_results
+
     run_it = getattr(import_module(f"vocc_torch.{module}"), name)
+    refuse_results(folder, task.resumed)
     collect_again()
     run_it(settings, *section, folder)
 

@@ -111,7 +111,7 @@ def begin_again(folder: Path) -> bool:
     if not inside_runs(folder):
         return not names
     attempted = names <= {FAILED, CONFIG}
-    resumable = not names.isdisjoint({"ledger.sqlite", "ledgers"})
+    resumable = "ledger.sqlite" in names
     if attempted:
         (folder / CONFIG).unlink(missing_ok=True)
     if attempted or resumable:

@@ -19,22 +19,29 @@ class Task:
         keys: keys and sections of its configuration, such as ``receiver -names``.
         part: the section that is its own, or None.
         brought: keys that a model file sets in their stead.
+        resumed: what a folder holds in which it can go on, as a pattern; empty for nothing.
     """
 
     run: str
     keys: tuple[str, ...]
     part: str | None = None
     brought: tuple[str, ...] = ()
+    resumed: str = ""
 
     @classmethod
     def of(
-        cls, run: str, keys: Any, part: str | None = None, brought: Any = ()
+        cls,
+        run: str,
+        keys: Any,
+        part: str | None = None,
+        brought: Any = (),
+        resumed: str = "",
     ) -> "Task":
         """Read a task as ``tasks.yaml`` has it."""
         entries = ["task", "name", *flat(keys)]
         if part is not None and not covers(entries, part):
             entries.append(part)
-        return cls(run, tuple(entries), part, tuple(flat(brought)))
+        return cls(run, tuple(entries), part, tuple(flat(brought)), resumed)
 
 
 def flat(entries: Iterable[Any]) -> Iterator[str]:

@@ -244,26 +244,25 @@ class BerTable:
             for point in results
         )
         self.rows = tuple(stated)
-        experiments, axes = (
-            {getattr(row, name) for row in self.rows} for name in ("experiment", "axis")
-        )
-        for name, names in (("experiment", experiments), ("axis", axes)):
-            if len(names) > 1:
-                raise VoccError(
-                    f"{name} is {' and '.join(sorted(names))}: a table holds one {name}"
-                )
-        self.experiment, self.axis = "".join(experiments), "".join(axes)
+        self.experiment, self.axis = self._only("experiment"), self._only("axis")
         self.values = tuple(sorted({row.value for row in self.rows}))
         self.receivers = tuple(dict.fromkeys(row.receiver for row in self.rows))
         self.locators = tuple(dict.fromkeys(row.locator for row in self.rows))
-        for (name, value), count in Counter(
-            (row.receiver, row.value) for row in self.rows
-        ).items():
+        places = Counter((row.receiver, row.value) for row in self.rows)
+        for (name, value), count in places.items():
             if count > 1:
                 why = "a table holds one; give each locator a table of its own"
                 raise VoccError(
                     f"receiver {name} has two points at {self.axis}={value:g}: {why}"
                 )
+
+    def _only(self, name: str) -> str:
+        """Give what all rows have in common."""
+        names = {getattr(row, name) for row in self.rows}
+        if len(names) > 1:
+            said = " and ".join(sorted(names))
+            raise VoccError(f"{name} is {said}: a table holds one {name}")
+        return "".join(names)
 
     def __len__(self) -> int:
         """Count the points."""

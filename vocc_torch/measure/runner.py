@@ -64,14 +64,10 @@ class Deciders(Protocol):
 
     Attributes:
         keys: whose decisions they are, in order.
-        needs_preambles: whether one needs the all-On and all-Off frames of each scene.
     """
 
     @property
     def keys(self) -> tuple[Key, ...]: ...  # noqa: D102
-
-    @property
-    def needs_preambles(self) -> bool: ...  # noqa: D102
 
     def finders(self, plan: Plan) -> Mapping[str, PanelLocator | None]:
         """Give what finds the panel by the name of the view; None takes the simulator's own corners."""
@@ -118,11 +114,6 @@ class Banks:
             for locator, bank, number in self.banks
             for name in bank.names
         )
-
-    @property
-    def needs_preambles(self) -> bool:
-        """Whether any of the receivers needs frames of known bits."""
-        return any(needs_preambles(bank.names) for _, bank, _ in self.banks)
 
 
 def group_of(experiment: Experiment, link: Link, seen: Observation) -> torch.Tensor:
@@ -186,7 +177,7 @@ class Job:
             deciders.finders(self.plan),
             self.model,
             [BlockKey(self.plan.seed, self.point, block) for block in blocks],
-            preambles=deciders.needs_preambles,
+            preambles=needs_preambles([key.receiver for key in deciders.keys]),
             frames=frames,
         )
         for views in every:

@@ -31,7 +31,7 @@ _TABLES = (
     "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, content BLOB, digest TEXT, "
     "PRIMARY KEY (point, block, frames)) WITHOUT ROWID",
 )
-_ANOTHER = "choose another ledger"
+_ANOTHER = "give another name= or file"
 _STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
 _DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything again")
 _LONGEST = 200

@@ -1,8 +1,10 @@
-"""A run's folder: what it may hold before the run, its configuration and its tables."""
+"""A run's folder: what it may hold before a run, what it keeps of one that ends early, and its tables."""
 
 import csv
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from fnmatch import filter as matching
 from pathlib import Path
 from typing import TypeAlias
 
@@ -13,6 +15,7 @@ from vocc_torch.files import (
     UNFINISHED,
     atomic_file,
     is_unfinished,
+    remove,
     write_atomically,
 )
 from vocc_torch.measure import config
@@ -26,25 +29,107 @@ CONFIG = "config.yaml"
 """The resolved configuration."""
 
 
+LEDGER = f"ledger{SUFFIX}"
+"""The ledger of a run with one experiment."""
+
+MANIFEST = "manifest.json"
+"""What lists the files of a folder that can be checked when a run goes on."""
+
+
+CHANGE_NO_RESULT = ("device", "workers", "executor", "tensorboard", "batch_frames")
+"""Settings, or sections of them, with any values of which the results are the same."""
+
 SAMPLES = "samples.png"
 """What the scenes look like, written before anything is counted."""
 
 
-def refuse_results(folder: Path, ledgers: str | None = None) -> None:
+def refuse_results(folder: Path, resumed: str = "") -> None:
     """Refuse a folder that holds results, unless the same command was killed over them, before any work.
 
     Args:
         folder: the run's folder.
-        ledgers: a file or folder whose presence says that the run can be resumed, or None.
+        resumed: pattern of names, one of which says that the run can be resumed.
     """
     # A run that was killed before its first result leaves no more than these.
     few = (UNFINISHED, CONFIG, SAMPLES)
     names = sorted(path.name for path in folder.glob("*"))
     holds = [name for name in names if name not in few and not name.endswith(".tmp")]
-    if holds and ledgers not in holds and not is_unfinished(folder):
+    if holds and not matching(holds, resumed) and not is_unfinished(folder):
         raise VoccError(
             f"name: {folder} already holds {holds[0]}: give another name=, or delete the folder"
         )
+
+
+@contextmanager
+def resumable(
+    settings: config.Settings, folder: Path, console: Console, *made: str
+) -> Iterator[None]:
+    """Say which results a run replaces, and how to go on where it is interrupted; leave nothing of no counts.
+
+    Args:
+        settings: the configuration.
+        folder: the run's folder.
+        console: where it is said.
+        made: what the run makes there before anything is counted, beside configuration and samples.
+    """
+    before = finished_settings(folder)
+    try:
+        yield
+    except BaseException as error:
+        if any(path for end in (f"*{SUFFIX}", MANIFEST) for path in folder.rglob(end)):
+            if isinstance(error, KeyboardInterrupt):
+                say(
+                    console,
+                    f"interrupted: the same command with name={settings.name} resumes",
+                )
+        else:
+            for name in (CONFIG, SAMPLES, *made):
+                remove(folder / name)
+        raise
+    if lost := lost_settings(before, finished_settings(folder)):
+        text = f"replaced: the results of {', '.join(lost)}"
+        say(console, f"{text}; the former command gives them back from its ledger")
+
+
+def finished_settings(folder: Path) -> dict[str, object]:
+    """Give the settings of the results in a folder by key; none where a run was killed over them."""
+    if (folder / UNFINISHED).exists() or not (folder / CONFIG).exists():
+        return {}
+    with suppress(VoccError):
+        return config.read_flat(folder / CONFIG)
+    return {}
+
+
+def lost_settings(
+    before: Mapping[str, object], after: Mapping[str, object]
+) -> list[str]:
+    """Name the settings whose results other settings do not include.
+
+    A number includes smaller ones, a list its items, and an empty list is all.
+
+    Args:
+        before: settings by key.
+        after: the other ones; keys that only one of them has are passed over.
+
+    Example:
+        >>> lost_settings({"frames": 512, "values": [1, 2], "seed": 0}, {"frames": 64, "values": [1, 2, 3]})
+        ['frames=512']
+    """
+    return [
+        f"{key}={value}"
+        for key, value in before.items()
+        if key.partition(".")[0] not in CHANGE_NO_RESULT
+        and not includes(after.get(key, value), value)
+    ]
+
+
+def includes(value: object, other: object) -> bool:
+    """Whether the results of a setting include those of another value of it."""
+    if isinstance(value, list) and isinstance(other, list):
+        return not value or (bool(other) and all(item in value for item in other))
+    if isinstance(value, int | float) and isinstance(other, int | float):
+        return value >= other
+    return value == other
 
 
 def input_of(settings: config.Settings, needed: str) -> Path:
@@ -130,10 +215,3 @@ def cell_text(value: str | int | float | None) -> str:
     if isinstance(value, float):
         return repr(value).removesuffix(".0")
     return "" if value is None else str(value)
-
-
-LEDGER = f"ledger{SUFFIX}"
-"""The ledger of a run with one experiment."""
-
-MANIFEST = "manifest.json"
-"""What lists the files of a folder that can be checked when a run goes on."""

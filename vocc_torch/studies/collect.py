@@ -13,7 +13,7 @@ from vocc_torch.errors import VoccError, printable
 from vocc_torch.files import read_file
 from vocc_torch.measure import config, curve
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import rate_tables, run_ledgers, styles
+from vocc_torch.report import rate_tables, styles
 from vocc_torch.report.plots import Figure, facet_figure, interval_note, save_figure
 from vocc_torch.report.terminal import Console, Text, plain_table
 
@@ -30,7 +30,7 @@ _REPORT = "report.md"
 """What a task with ledgers leaves that is not about curves."""
 
 _NO_RESULT = (
-    *run_ledgers.CHANGE_NO_RESULT,
+    *run_folder.CHANGE_NO_RESULT,
     *("task", "name", "input", "model", "decode", "figures", "effects"),
 )
 """Keys, or sections of them, that change no number of a result."""

@@ -30,7 +30,6 @@ from vocc_torch.report import (
     led_plots,
     plots,
     rate_tables,
-    run_ledgers,
     samples,
     styles,
     tensorboard,
@@ -39,18 +38,15 @@ from vocc_torch.report import (
 from vocc_torch.report.annotation import annotated, enlarged
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.scene import SCENE_FIELDS
-from vocc_torch.studies.run import begin, cases_of
+from vocc_torch.studies.run import begin, cases_of, write_training
 
 
 def run_train(settings: config.Settings, folder: Path) -> None:
     """Train FLDA and write the receiver."""
-    run_folder.refuse_results(folder)
     plan, console = build.build_plan(settings), terminal.Console()
-    with run_ledgers.resumable(settings, folder, console):
+    with run_folder.resumable(settings, folder, console):
         samples.write_samples(folder, plan, ["train"])
-        run_ledgers.write_training(
-            settings, plan, terminal.train_shown(plan, console), folder
-        )
+        write_training(settings, plan, terminal.train_shown(plan, console), folder)
     run_folder.say(console, kept(plan))
     run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
 
@@ -63,7 +59,6 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     Raises:
         VoccError: values that TensorBoard cannot tell apart, or whatever a stage refuses.
     """
-    run_folder.refuse_results(folder, run_folder.LEDGER)
     plan, console = build.build_plan(settings), terminal.Console()
     is_grid = plan.experiment.row_axis is not None
     drawing: dict[str, sweep.Prepare] = {}
@@ -233,7 +228,7 @@ def write_results(
     Returns:
         The names of the figures.
     """
-    run_ledgers.write_training(settings, plan, training, folder)
+    write_training(settings, plan, training, folder)
     rate_tables.write_paired(folder / "paired.csv", curves)
     names, board = plan.receiver.names, dict[str, Any]()
     if axis := plan.experiment.row_axis:

@@ -49,7 +49,6 @@ def run_export_receiver(
     Raises:
         VoccError: the extra is not installed, or a receiver that no graph can hold.
     """
-    run_folder.refuse_results(folder)
     onnx_graph.demand_extra()
     study, console = build.build_plan(settings), terminal.Console()
     study = replace(study, experiment=replace(study.experiment, training={}))

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,9 +12,8 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.plan import Experiment, Plan, identity
 from vocc_torch.measure.store import Store, canonical
-from vocc_torch.measure.train import Training, training_key
+from vocc_torch.measure.train import Training, calibrated_receiver, training_key
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import run_ledgers
 from vocc_torch.report.terminal import Console, ProgressView, Stopwatch
 
 Advance = Callable[[float], None]
@@ -190,14 +189,30 @@ def begin(
     Raises:
         VoccError: a folder with other results, or a store of other counts.
     """
-    run_folder.refuse_results(folder, run_folder.LEDGER)
     console, ledger = Console(), folder / run_folder.LEDGER
+    begun = not ledger.exists()
     counted_for = identity(plan, [plan.receiver.locator])
     # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
     pool = Workers.of(settings)
     with (
-        run_ledgers.resumable(settings, folder, console),
-        run_ledgers.open_ledger(ledger, counted_for, console) as store,
+        run_folder.resumable(settings, folder, console),
+        Store.open(ledger, counted_for) as store,
     ):
+        if known := len(store):
+            counted = f"{known} blocks of frames are already counted in {ledger}"
+            run_folder.say(console, f"resuming: {counted}")
         run_folder.write_config(settings, folder)
-        yield Run(pool, store, console, stages)
+        try:
+            yield Run(pool, store, console, stages)
+        finally:
+            if begun and not len(store):
+                with suppress(OSError):
+                    ledger.unlink()
+
+
+def write_training(
+    settings: Settings, plan: Plan, training: Training, folder: Path
+) -> None:
+    """Write the receiver and the configuration it came from."""
+    calibrated_receiver(plan, training).save(folder / "receiver.pt")
+    run_folder.write_config(settings, folder)

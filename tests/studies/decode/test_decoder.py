@@ -20,7 +20,6 @@ HEAVY = (
     "vocc_torch.simulation",
     "vocc_torch.measure.plan",
     "vocc_torch.measure.train",
-    "vocc_torch.report.run_ledgers",
     "matplotlib",
     "tensorboard",
     "scipy",

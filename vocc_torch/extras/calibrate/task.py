@@ -28,7 +28,6 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     Raises:
         VoccError: the name of a scene that ships, no input, or one that cannot be calibrated from.
     """
-    run_folder.refuse_results(folder)
     shipped = resources.files("vocc_torch.conf") / "scene" / f"{settings.name}.yaml"
     if shipped.is_file():
         raise VoccError.of(
@@ -41,7 +40,7 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
     )
     panel = build_panel(settings.panel)
     receiver, console = receiver_plan(settings, panel), Console()
-    locator = receiver.finders([receiver.locator])[receiver.locator]
+    locator = receiver.finder
     if locator is None:
         raise VoccError.of(
             "receiver.locator",

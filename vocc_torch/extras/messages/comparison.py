@@ -167,7 +167,7 @@ def jobs_of(
 
 def receivers_of(plan: Plan, training: Training) -> dict[str, Receiver]:
     """Put the named receivers together, with what finds the panel."""
-    (locator,) = plan.receiver.finders([plan.receiver.locator]).values()
+    locator = plan.receiver.finder
     receivers = {}
     for name in plan.receiver.names:
         receiver_plan = replace(

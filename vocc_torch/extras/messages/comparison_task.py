@@ -58,7 +58,6 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     Raises:
         VoccError: a value outside its range, or whatever a stage refuses.
     """
-    run_folder.refuse_results(folder)
     console = terminal.Console()
     plan = build_plan(settings).locating_with("truth")
     # Refused, as a code that is not installed, before anything is trained.

@@ -84,7 +84,6 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     Raises:
         VoccError: no input or plan; and, when everything is written, a message that is not whole.
     """
-    run_folder.refuse_results(folder)
     source = run_folder.input_of(
         settings, "task=receive needs input=VIDEO, a folder of pictures or an array"
     )

@@ -92,7 +92,6 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     Raises:
         VoccError: no input, or one that task=transmit did not write.
     """
-    run_folder.refuse_results(folder)
     source = run_folder.input_of(
         settings, "task=record needs input=FOLDER, that of task=transmit"
     )

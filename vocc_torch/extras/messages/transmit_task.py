@@ -36,7 +36,6 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     Raises:
         VoccError: no input, one that cannot be read or is empty, or a plan that leaves no room.
     """
-    run_folder.refuse_results(folder)
     source = run_folder.input_of(
         settings, "task=transmit needs input=FILE, the message"
     )

@@ -14,7 +14,7 @@ from vocc_torch.measure.paired import mover_ratio, rate_ratio
 from vocc_torch.measure.train import Training
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import rate_tables, run_ledgers, styles
+from vocc_torch.report import rate_tables, styles
 from vocc_torch.studies.compare import RivalsConfig, figures
 from vocc_torch.studies.compare.report import (
     BLANK,
@@ -25,7 +25,7 @@ from vocc_torch.studies.compare.report import (
     write_report,
 )
 from vocc_torch.studies.compare.rivals import ClassifierStudy, build_classifier_study
-from vocc_torch.studies.run import Case, Run, begin, cases_of
+from vocc_torch.studies.run import Case, Run, begin, cases_of, write_training
 
 COSTS = ("training_s", "simulated_s", "training_frames", "parameters", "size_bytes")
 """Columns of what it took to make a receiver."""
@@ -47,7 +47,7 @@ def run_classifiers(settings: Settings, rivals: RivalsConfig, folder: Path) -> N
         curves = count_curves(study, run)
         lost, scenes = across_scenes(study, run)
     training = run.training(first)
-    run_ledgers.write_training(settings, first, training, folder)
+    write_training(settings, first, training, folder)
     tables = {name: found.table() for name, found in curves.items()}
     write_points(folder, curves, tables)
     rows = classifier_rows(rivals, curves, tables, training)

@@ -25,7 +25,6 @@ from vocc_torch.recordings.streams import LiveStream, is_stream
 from vocc_torch.report.folder import (
     Cells,
     print_places,
-    refuse_results,
     write_config,
     write_rows,
 )
@@ -48,7 +47,6 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     Raises:
         VoccError: no input, or an input without a panel.
     """
-    refuse_results(folder)
     if settings.input is None:
         raise VoccError(f"input is null: task=decode needs input=PICTURE; {ALLOWED}")
     if is_stream(settings.input):
@@ -161,7 +159,7 @@ def readings_for(
         from vocc_torch.measure.build import build_plan
 
         plan = build_plan(settings)
-        (finder,) = plan.receiver.finders([plan.receiver.locator]).values()
+        finder = plan.receiver.finder
         demand_several(finder, config.most)
         at_truth = finder is not None and finder.finds_several
         receiver = receiver_of(settings, plan, at_truth=at_truth)

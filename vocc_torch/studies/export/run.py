@@ -17,7 +17,7 @@ from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.measure.plan import Plan, identity
 from vocc_torch.measure.store import what_changed
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import run_ledgers, samples, terminal
+from vocc_torch.report import samples, terminal
 from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.effects.coding import Quantization
 from vocc_torch.studies.export import ExportConfig, manifest, truth
@@ -38,7 +38,6 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
     Raises:
         VoccError: frames that are not of 8 bits, files of other settings, or whatever a stage refuses.
     """
-    run_folder.refuse_results(folder, IDENTITY)
     plan, console = build.build_plan(settings), terminal.Console()
     simulator = plan.world.simulator()
     if not any(
@@ -55,7 +54,7 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
         for point, model in scenes
         for first in range(0, config.frames, config.shard_frames)
     ]
-    with run_ledgers.resumable(settings, folder, console, IDENTITY, FRAMES):
+    with run_folder.resumable(settings, folder, console, IDENTITY, FRAMES):
         demand_identity(folder / IDENTITY, identity_of(plan, config))
         for left in (folder / FRAMES).glob("**/.*.tmp"):
             remove(left)

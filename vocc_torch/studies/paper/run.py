@@ -5,7 +5,7 @@ from pathlib import Path
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import config as configs
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import run_ledgers, terminal
+from vocc_torch.report import terminal
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.evidence.sample import Source
 from vocc_torch.studies.paper.plan import (
@@ -17,7 +17,7 @@ from vocc_torch.studies.paper.plan import (
     plan_figures,
 )
 from vocc_torch.studies.paper.report import Report
-from vocc_torch.studies.run import Run, begin
+from vocc_torch.studies.run import Run, begin, write_training
 
 
 def run_figures(
@@ -84,5 +84,5 @@ def measure(
             for study in plan.every_study
         }
     first = every[0].plan
-    run_ledgers.write_training(settings, first, run.training(first), folder)
+    write_training(settings, first, run.training(first), folder)
     return outcomes

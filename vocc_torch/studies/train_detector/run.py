@@ -55,7 +55,6 @@ def run_train_detector(
     Raises:
         VoccError: a folder that holds something else.
     """
-    run_folder.refuse_results(folder, POOL)
     console = terminal.Console()
     run_folder.write_config(settings, folder)
     blocks = blocks_of(folder / POOL, settings.seed, own.rounds)
