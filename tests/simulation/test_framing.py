@@ -7,17 +7,11 @@ from frame_keys import frame_keys
 from test_every_effect import KINDS, PARAMETERS, chain
 
 from vocc_torch import Simulator
-from vocc_torch.hardware import Camera, LedPanel
+from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects import Context, build_effects
 from vocc_torch.simulation.effects.optics import Blooming
-from vocc_torch.simulation.effects.view import led_centres_m, panel_corners_m, view_of
-from vocc_torch.simulation.framing import (
-    led_centres_px,
-    panel_centre_px,
-    panel_corners_px,
-)
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
-from vocc_torch.types import PanelShape, Scene
+from vocc_torch.types import Scene
 
 SMALL = Camera(width_px=480, height_px=272, sensor_width_mm=13.2 / 4)
 KEYS = frame_keys("framing", 3)
@@ -112,36 +106,6 @@ def test_true_corners_turn_with_each_frames_own_pose():
         rows, columns = np.nonzero(light[i, 0].numpy())
         along = np.polyfit(columns, rows, 1, w=light[i, 0].numpy()[rows, columns])[0]
         assert abs(np.rad2deg(np.arctan(along)) - float(angles[i])) < 0.5
-
-
-@pytest.mark.parametrize("shape", [(8, 8), (3, 5), (1, 1)])
-def test_an_upright_panel_is_where_the_lens_puts_it(shape):
-    """The direct way of panels that face the camera against that in perspective, which is held by OpenCV."""
-    panel = LedPanel(PanelShape(*shape), led_diameter_m=0.05, led_gap_m=0.01)
-    rng = np.random.default_rng(1)
-    places = {"distance_m": (1, 90), "offset_x_m": (-9, 9), "offset_y_m": (-3, 3)}
-    scene = Scene.cat(
-        [
-            Scene.of(**{n: rng.uniform(*ends) for n, ends in places.items()})
-            for _ in range(8)
-        ]
-    )
-    for camera in (Camera(), Camera(focal_length_mm=18, width_px=640, height_px=481)):
-        perspective = view_of(Context(scene, camera))
-        x, y = led_centres_px(scene, camera, panel)
-        leds = torch.stack(
-            [x.repeat(1, shape[0]), y.repeat_interleave(shape[1], dim=1)], dim=-1
-        )
-        corners = panel_corners_px(scene, camera, panel)
-        middle = panel_centre_px(scene, camera)
-        for ours, points_m in (
-            (leds, led_centres_m(panel)),
-            (corners, panel_corners_m(panel)),
-        ):
-            torch.testing.assert_close(
-                ours, perspective.points_px(points_m), rtol=0, atol=1e-9
-            )
-        torch.testing.assert_close(middle, corners.mean(dim=1), rtol=0, atol=1e-9)
 
 
 def test_a_frames_blur_is_the_same_to_the_last_bit_wherever_it_lies():

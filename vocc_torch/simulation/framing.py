@@ -61,38 +61,6 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
         )
 
 
-def panel_centre_px(scene: Scene, camera: Camera) -> Tensor:
-    """Image of the panel's centre, (B,2) sensor coordinates ``(x, y)`` in px.
-
-    Example:
-        >>> panel_centre_px(Scene.of(distance_m=50.0, offset_x_m=1.0), Camera()).round().tolist()
-        [[1033.0, 540.0]]
-    """
-    scale = camera.pixels_per_metre(scene.distance_m)
-    x = camera.width_px / 2 + scene.offset_x_m * scale
-    return torch.stack([x, camera.height_px / 2 + scene.offset_y_m * scale], dim=-1)
-
-
-def led_centres_px(
-    scene: Scene, camera: Camera, panel: LedPanel
-) -> tuple[Tensor, Tensor]:
-    """Images of the LEDs' centres: x of each column (B,C) and y of each row (B,R), sensor px.
-
-    Example:
-        >>> x, y = led_centres_px(Scene.of(distance_m=50.0), Camera(), LedPanel())
-        >>> [round(float(v), 3) for v in x[0, 1:] - x[0, :-1]][:2]
-        [4.364, 4.364]
-    """
-    centre = panel_centre_px(scene, camera)
-    pitch_px = (panel.pitch_m * camera.pixels_per_metre(scene.distance_m)).unsqueeze(-1)
-    sides = panel.shape.columns, panel.shape.rows
-    columns, rows = (
-        torch.arange(leds, dtype=centre.dtype, device=centre.device) - (leds - 1) / 2
-        for leds in sides
-    )
-    return centre[:, :1] + columns * pitch_px, centre[:, 1:] + rows * pitch_px
-
-
 def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
     """True corners of the grid of LED cells (each cell one pitch wide), (B,4,2), clockwise from the top left.
 
@@ -101,11 +69,8 @@ def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
         >>> round(float(corners[0, 1, 0] - corners[0, 0, 0]), 3)
         34.909
     """
-    x, y = panel_centre_px(scene, camera).unbind(-1)
-    half_px = panel.pitch_m * camera.pixels_per_metre(scene.distance_m) / 2
-    across, down = panel.shape.columns * half_px, panel.shape.rows * half_px
-    ends = [(x + side * across, y + low * down) for side, low in view.CLOCKWISE]
-    return torch.stack([torch.stack(end, -1) for end in ends], 1)
+    camera_view = view.view_of(Context(scene, camera, panel=panel))
+    return camera_view.points_px(view.panel_corners_m(panel))
 
 
 WINDOW_GRID_PX = 8
@@ -329,12 +294,8 @@ class Batch:
         Raises:
             VoccError: scenes whose light has no ISO speed.
         """
-        if view.in_perspective(context.effects):
-            centre = view.view_of(context).points_px(
-                context.scene.distance_m.new_zeros(1, 2)
-            )[:, 0]
-        else:
-            centre = panel_centre_px(context.scene, context.camera)
+        middle_m = context.scene.distance_m.new_zeros(1, 2)
+        centre = view.view_of(context).points_px(middle_m)[:, 0]
         origin = crop_origins_px(
             centre, size, context.camera.sensor_px, grid_px=grid_px
         )

@@ -111,22 +111,14 @@ def _changed(canvas: Tensor, effects: Sequence[Effect], context: Context) -> Ten
 def board_cover(context: Context, size: framing.Size) -> Tensor:
     """Share of each pixel that the board covers, (B,H,W)."""
     origin = context.first_px.unsqueeze(1)
-    if not view.in_perspective(context.effects):
-        corners = (
-            framing.panel_corners_px(context.scene, context.camera, context.panel)
-            - origin
-        )
-        across = raster.interval_cover(
-            corners[:, 0, 0], corners[:, 2, 0], size[1]
-        ).unsqueeze(-2)
-        return (
-            raster.interval_cover(
-                corners[:, 0, 1], corners[:, 2, 1], size[0]
-            ).unsqueeze(-1)
-            * across
-        )
-    # The sides in short pieces, which a lens may bend.
+    camera_view = view.view_of(context)
     corners = view.panel_corners_m(context.panel).to(context.scene.distance_m)
+    if not view.in_perspective(context.effects):
+        ends = camera_view.points_px(corners[[0, 2]]) - origin
+        (left, top), (right, bottom) = (end.unbind(-1) for end in ends.unbind(1))
+        across = raster.interval_cover(left, right, size[1]).unsqueeze(-2)
+        return raster.interval_cover(top, bottom, size[0]).unsqueeze(-1) * across
+    # The sides in short pieces, which a lens may bend.
     steps = torch.arange(0, 1, 1 / 8, dtype=corners.dtype, device=corners.device).view(
         1, -1, 1
     )
@@ -134,7 +126,7 @@ def board_cover(context: Context, size: framing.Size) -> Tensor:
         1
     )
     return raster.polygon_cover(
-        view.view_of(context).points_px(outline.view(-1, 2)) - origin, *size
+        camera_view.points_px(outline.view(-1, 2)) - origin, *size
     )
 
 
@@ -157,8 +149,9 @@ def led_stamps(
     radius_m = radius_m.view(-1, 1, 1) if look is None else look.radius_m
     upright = not view.in_perspective(context.effects)
     if upright:
-        columns, rows = framing.led_centres_px(scene, context.camera, panel)
-        columns, rows = columns - origin[:, :1], rows - origin[:, 1:]
+        points = view.view_of(context).points_px(at) - origin.unsqueeze(1)
+        grid = points.view(-1, *panel.shape.sides, 2)
+        columns, rows = grid[:, 0, :, 0], grid[:, :, 0, 1]
         radius = radius_m.flatten() * context.camera.pixels_per_metre(scene.distance_m)
         widest = 2 * radius
     else:

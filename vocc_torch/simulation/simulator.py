@@ -114,14 +114,8 @@ class Simulator:
         """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
         scene = scene.to("cpu") if rendered else self._checked(scene)
         context = self._context(scene, keys)
-        if view.in_perspective(self.effects):
-            panels = Panels.known(
-                view.view_of(context).points_px(view.panel_corners_m(self.panel))
-            )
-        else:
-            panels = Panels.known(
-                framing.panel_corners_px(scene, self.camera, self.panel)
-            )
+        corners_m = view.panel_corners_m(self.panel)
+        panels = Panels.known(view.view_of(context).points_px(corners_m))
         present = housing.present(context)
         panels = Panels(
             panels.corners_px * present.view(-1, 1, 1),
@@ -165,10 +159,9 @@ class Simulator:
             (1, 1, 30, 40)
         """
         context = self._context(self._checked(scene), keys)
-        iso = photometry.auto_iso(context)
-        placed = replace(context, origin_px=origin_px.cpu(), iso=iso)
-        centre_px = framing.panel_centre_px(placed.scene, self.camera)
-        batch = framing.Batch(placed, bits.cpu(), centre_px, size_px).to(self.device)
+        batch = framing.Batch.around(context, bits.cpu(), size_px)
+        placed = replace(batch.context, origin_px=origin_px.cpu())
+        batch = replace(batch, context=placed).to(self.device)
         origin = batch.context.first_px
         return Frames(self.expose(batch, window=True), origin, self.camera.sensor_px)
 

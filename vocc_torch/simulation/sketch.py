@@ -21,17 +21,14 @@ Part = tuple[Floats, Floats]
 TILE_PX = 128
 """Side of the squares of the sensor that are drawn by themselves."""
 
-FINENESS = ((15_000, 4), (60_000, 3))
-"""Up to so many pixels of a thing, how many times finer each side is drawn; 2 beyond."""
+FINENESS = (15_000, 60_000)
+"""Up to so many pixels of a thing each side is drawn 4 and 3 times finer, and 2 times beyond."""
 
 COVERED = {
     n: (np.rint(np.arange(256) * (n * n / 255)) / (n * n)).astype(np.float32)
     for n in (2, 3, 4)
 }
 """The share of n x n steps that is white, by their rounded mean in 8 bits."""
-
-CLEAR = 2.0
-"""How far within a polygon all of a patch must lie, steps, to be told covered without drawing it."""
 
 LETTERS = np.array(list("ABCDEFGHIJKLMNOPRSTUVWXYZ0123456789"))
 
@@ -224,14 +221,8 @@ class Drawing:
         ).clip(-1e6, 1e6)
         if not np.isfinite(flat).all():
             return None
-        fine = next(
-            (
-                n
-                for pixels, n in FINENESS
-                if np.prod(np.subtract(*_extent(flat))) <= pixels
-            ),
-            2,
-        )
+        pixels = np.prod(np.subtract(*_extent(flat)))
+        fine = 4 - int(np.searchsorted(FINENESS, pixels))
         sides = np.concatenate(
             [np.full(len(points), points.shape[1]) for points, _ in parts]
         )
@@ -255,64 +246,23 @@ class Drawing:
         """The last and the first pixel that it touches, each (2,)."""
         return _extent(np.concatenate([self.least, self.most]))
 
-    def shown(self, begin: Integers, end: Integers) -> tuple[Integers, bool]:
-        """Which polygons are seen from one pixel to another, and whether the first of these covers all."""
-        visible = np.flatnonzero(((self.least < end) & (self.most > begin)).all(axis=1))
-        inside = np.flatnonzero(
-            ((self.least[visible] <= begin) & (self.most[visible] >= end)).all(axis=1)
-        )
-        wide, high = ((end - begin) * self.fine).tolist()
-        at = np.array([(0, 0), (wide, 0), (wide, high), (0, high)])
-        for number in inside[::-1].tolist():
-            corners = self._corners(visible[number], visible[number], begin)
-            along = np.roll(corners, -1, axis=0) - corners
-            lengths = np.hypot(*along.T)
-            away = along[:, :1] * (at[:, 1] - corners[:, 1:]) - along[:, 1:] * (
-                at[:, 0] - corners[:, :1]
-            )
-            away = away[lengths > 0] / lengths[lengths > 0, None]
-            if len(away) and (away.min() > CLEAR or away.max() < -CLEAR):
-                return visible[number:], True
-        return visible, False
-
-    def _corners(self, first: int, last: int, begin: Integers) -> Integers:
-        """The corners of the polygons from one to another, as seen from a pixel."""
-        return (
-            self.corners[self.starts[first] : self.ends[last]] - begin * self.fine
-        ).clip(-30_000, 30_000)
-
-    def patch(
-        self,
-        begin: Integers,
-        end: Integers,
-        visible: Integers,
-        full: bool,
-    ) -> Picture:
-        """Draw the polygons ``visible`` from one pixel to another: the share covered, and the light there."""
-        light, ground = (self.luminance[visible] * self.scale).tolist(), 0.0
-        (wide, high), first = (end - begin).tolist(), int(full)
-        if full:
-            ground, cover = light[0], np.ones((high, wide), np.float32)
-        if len(light) == first:
-            lit = np.full((high, wide), ground, dtype=np.float32)
-        else:
-            image = Image.new("F", (wide * self.fine, high * self.fine), ground)
-            drawn = visible[first:]
-            pen = ImageDraw.Draw(image)
-            at = self._corners(drawn[0], drawn[-1], begin).ravel().tolist()
-            cuts = (
-                2 * (bounds[drawn] - self.starts[drawn[0]])
-                for bounds in (self.starts, self.ends)
-            )
-            for start, stop, shade in zip(
-                *(cut.tolist() for cut in cuts), light[first:], strict=True
-            ):
-                pen.polygon(at[start:stop], fill=shade)
-            lit = np.asarray(image.reduce(self.fine), dtype=np.float32)
-            if not full:
-                cover = COVERED[self.fine][
-                    np.asarray(image.convert("L").reduce(self.fine))
-                ]
+    def patch(self, begin: Integers, end: Integers) -> Picture | None:
+        """Draw what lies from one pixel to another: the share covered, and the light there; None for nothing."""
+        inside = ((self.least < end) & (self.most > begin)).all(axis=1)
+        drawn = np.flatnonzero(inside)
+        if not len(drawn):
+            return None
+        image = Image.new("F", tuple(((end - begin) * self.fine).tolist()))
+        pen, start = ImageDraw.Draw(image), self.starts[drawn[0]]
+        corners = self.corners[start : self.ends[drawn[-1]]] - begin * self.fine
+        at = corners.clip(-30_000, 30_000).ravel().tolist()
+        cuts = (2 * (bounds[drawn] - start) for bounds in (self.starts, self.ends))
+        for first, last, shade in zip(
+            *cuts, (self.luminance[drawn] * self.scale).tolist(), strict=True
+        ):
+            pen.polygon(at[first:last], fill=shade)
+        lit = np.asarray(image.reduce(self.fine), dtype=np.float32)
+        cover = COVERED[self.fine][np.asarray(image.convert("L").reduce(self.fine))]
         shown: Singles = np.divide(lit, np.float32(self.scale), dtype=np.float32)
         share = np.float32(self.share)
         return (cover, shown) if share == 1 else (cover * share, shown * share)
@@ -328,14 +278,14 @@ def _extent(points: Floats) -> tuple[Integers, Integers]:
 def composed(
     things: Sequence[Drawing], window: Window
 ) -> Iterator[tuple[int, Singles, Singles]]:
-    """Lay things before a picture, later ones over earlier ones, tile by tile; what is hidden is not drawn.
+    """Lay things before a picture, later ones over earlier ones, tile by tile.
 
     Args:
         things: on the sensor.
         window: within the sensor.
 
     Returns:
-        Of each row of tiles with a thing, top to bottom: the sensor's row where it begins in the window, how
+        Of each row of tiles, top to bottom: the sensor's row where it begins in the window, how
         much of what is behind stays in these rows of the window, and the light of the things.
 
     Example:
@@ -359,33 +309,20 @@ def composed(
         size = min(row + TILE_PX, bottom) - row, right - start
         keep = np.ones(size, np.float32)
         added = np.zeros(size, np.float32)
-        drawn = False
         for column in range(start, right, TILE_PX):
             first = np.array((column, row))
             last = np.array((min(column + TILE_PX, right), row + size[0]))
             within = (firsts < last) & (lasts > np.maximum(first, (left, top)))
-            shown = []
-            for number in np.flatnonzero(within.all(axis=1))[::-1].tolist():
+            for number in np.flatnonzero(within.all(axis=1)).tolist():
                 begin = np.maximum(first, firsts[number])
                 end = np.minimum(last, lasts[number])
-                visible, full = things[number].shown(begin, end)
-                if len(visible):
-                    shown.append((things[number], begin, end, visible, full))
-                if (
-                    full
-                    and things[number].share == 1
-                    and (end - begin == last - first).all()
-                ):
-                    break
-            for thing, begin, end, visible, full in reversed(shown):
-                cover, light = thing.patch(begin, end, visible, full)
+                if (patch := things[number].patch(begin, end)) is None:
+                    continue
+                cover, light = patch
                 x, y = (begin - (start, row)).tolist()
                 place = (slice(y, y + len(cover)), slice(x, x + cover.shape[1]))
-                free = 1 - cover
-                keep[place] *= free
-                added[place] *= free
+                keep[place] *= 1 - cover
+                added[place] *= 1 - cover
                 added[place] += light
-                drawn = True
-        if drawn:
-            inside = slice(max(top - row, 0), None), slice(left - start, None)
-            yield max(row, top), keep[inside], added[inside]
+        inside = slice(max(top - row, 0), None), slice(left - start, None)
+        yield max(row, top), keep[inside], added[inside]

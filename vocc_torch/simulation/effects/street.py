@@ -1,7 +1,6 @@
 """A street around the panel: photographs or a drawn scenery behind, and what stands before it."""
 
 import functools
-import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
@@ -21,7 +20,7 @@ from vocc_torch.simulation.raster import Size
 from vocc_torch.simulation.scene import Distribution
 
 STRIP_PX = 32
-"""Rows of the sensor that are filled at a time; tiles are some strips."""
+"""Rows that are filled at a time: their working arrays stay in the cache."""
 
 SKY = {None: 1.0, 0: 0.88, 1: 1.0, 2: 1.31}
 """What luma and each channel see of the sky over its luminance: blue, of luma 1."""
@@ -68,28 +67,6 @@ def down(lines: Singles, y: Floats) -> Singles:
     return filled
 
 
-def in_strips(
-    value: Tensor, change: Callable[[int, Tensor, int], Tensor], context: Context
-) -> Tensor:
-    """Change (B,1,H,W) strip by strip of rows, whose working arrays stay in the cache.
-
-    Args:
-        value: the pictures.
-        change: takes a frame's number, a strip (h,W) and its first row on the sensor, and gives the strip.
-        context: says where each frame lies on the sensor.
-    """
-    strips = []
-    for frame, (_, first) in enumerate(context.first_px.tolist()):
-        cuts = [
-            0,
-            *range(STRIP_PX - first % STRIP_PX, value.shape[2], STRIP_PX),
-            value.shape[2],
-        ]
-        for begin, end in itertools.pairwise(cuts):
-            strips.append(change(frame, value[frame, 0, begin:end], first + begin))
-    return torch.cat(strips).view(value.shape)
-
-
 class Scenery(Effect, on=Quantity.BACKGROUND):
     """Textured sky, skyline and ground in place of a plain background.
 
@@ -119,15 +96,15 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) background luminance by each frame's scenery."""
-        width, streams = value.shape[3], context.generators(self.name, of_scene=True)
-        left = context.first_px[:, 0].tolist()
-        sides = context.camera.sensor_px, width, SKY[context.channel]
-        drawn = [self.sky(g, x, *sides) for g, x in zip(streams, left, strict=True)]
-
-        def change(frame: int, strip: Tensor, top: int) -> Tensor:
-            return strip * torch.from_numpy(drawn[frame](top, len(strip))).to(strip)
-
-        return in_strips(value, change, context)
+        lit, streams = value.clone(), context.generators(self.name, of_scene=True)
+        sides = context.camera.sensor_px, value.shape[3], SKY[context.channel]
+        for frame, (left, top) in enumerate(context.first_px.tolist()):
+            rows_from = self.sky(streams[frame], left, *sides)
+            for first in range(0, value.shape[2], STRIP_PX):
+                strip = lit[frame, 0, first : first + STRIP_PX]
+                luminance = rows_from(top + first, len(strip))
+                strip.mul_(torch.from_numpy(luminance).to(strip))
+        return lit
 
     def sky(
         self,
@@ -237,32 +214,22 @@ class Sketched(Effect, on=Quantity.BACKGROUND):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Lay what is drawn before each frame's (B,1,H,W) background luminance."""
-        every, layers, (height, width) = view.view_of(context), [], value.shape[-2:]
+        every, laid, (height, width) = view.view_of(context), [], value.shape[-2:]
         for frame, generator in enumerate(context.generators(self.name, of_scene=True)):
             row = slice(frame, frame + 1)
-            alone = context.taken(row)
+            alone, plane = context.taken(row), value[frame, 0].clone()
             left, top = alone.first_px[0].tolist()
             camera_view = view.View(every.placement[row], alone, every.effects)
-            layers.append(Layer(camera_view, (left, top, left + width, top + height)))
-            self.draw(layers[-1], generator)
-        if not any(layer.things for layer in layers):
-            return value
-        drawn = [
-            {rows[0] // sketch.TILE_PX: rows for rows in layer.drawn()}
-            for layer in layers
-        ]
-
-        def change(frame: int, strip: Tensor, top: int) -> Tensor:
-            if top // sketch.TILE_PX not in drawn[frame]:
-                return strip
-            first, stays, light = drawn[frame][top // sketch.TILE_PX]
-            rows = slice(top - first, top - first + len(strip))
-            keep, added = (
-                torch.from_numpy(strips[rows]).to(strip) for strips in (stays, light)
-            )
-            return strip * keep + added
-
-        return in_strips(value, change, context)
+            layer = Layer(camera_view, (left, top, left + width, top + height))
+            self.draw(layer, generator)
+            for first, keep, light in layer.drawn():
+                rows = plane[first - top : first - top + len(keep)]
+                stays, added = (
+                    torch.from_numpy(part).to(rows) for part in (keep, light)
+                )
+                rows.mul_(stays).add_(added)
+            laid.append(plane)
+        return torch.stack(laid).unsqueeze(1)
 
 
 Placed = tuple[

@@ -508,7 +508,7 @@ class View:
 
     def _in_camera_m(self, points_m: Tensor) -> Tensor:
         """Points of the panel's plane in the camera's coordinates, (B,N,3) m."""
-        points = points_m.to(self.placement)
+        points = points_m.to(self.placement, non_blocking=True)
         return points @ self.placement[..., :2].mT + self.placement[..., 2].unsqueeze(
             -2
         )
@@ -517,12 +517,13 @@ class View:
         """Project points in the camera's coordinates, (B,N,3) m to (B,N,2) px."""
         camera = self.context.camera
         self._demand_before_camera(points[..., 2])
-        middle = torch.tensor([camera.width_px / 2, camera.height_px / 2]).to(points)
-        return middle + camera.focal_length_px * points[..., :2] / points[..., 2:]
+        x, y = (camera.focal_length_px * points[..., :2] / points[..., 2:]).unbind(-1)
+        return torch.stack([camera.width_px / 2 + x, camera.height_px / 2 + y], -1)
 
     def _demand_before_camera(self, depth_m: Tensor) -> None:
-        """Refuse what has no image."""
-        if depth_m.numel() and not bool((depth_m > 0).all()):
+        """Refuse what has no image; panels that face the camera are before it."""
+        turned = in_perspective(self.context.effects) and depth_m.numel()
+        if turned and not bool((depth_m > 0).all()):
             raise VoccError(
                 f"scene.effects.pose tilts a part of the panel to a depth of {float(depth_m.min()):g} m: "
                 "it must be above 0, before the camera (tilt less, or go farther away)"
@@ -552,7 +553,8 @@ def view_of(context: Context) -> View:
     across, down, centre = placement.unbind(dim=-1)
     # The camera's distance from the panel's plane, before or behind it: the same for all points of the panel.
     before_m = (torch.linalg.cross(across, down) * centre).sum(dim=-1)
-    if before_m.numel() and not bool((before_m > 0).all()):
+    turned = in_perspective(context.effects) and before_m.numel()
+    if turned and not bool((before_m > 0).all()):
         frame = int(before_m.argmin())
         raise VoccError(
             f"scene.effects.pose turns the panel's back to the camera in frame {frame} of the batch: "
