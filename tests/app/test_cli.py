@@ -125,6 +125,52 @@ def test_multirun_keeps_every_job_apart_and_goes_on_after_a_failing_one(app, tmp
         assert ran.out.index(f"job {job}: ") < ran.out.index(f"panel.rows={rows}")
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("name=null", "name is null: it must be text"),
+        ("name={a:b}", "name is {'a': 'b'}: it must be text"),
+        ("input=[a]", "input is ['a']"),
+        ("camera.gama=2", "camera.gama is not a known key"),
+        ("camera.gamma=2 hydra/launcher=joblib", "camera.gamma is 2"),
+    ],
+)
+def test_a_mistake_of_all_jobs_is_said_once_before_the_first(
+    app, tmp_path, words, said
+):
+    (tmp_path / "a.txt").write_text("a message")
+    ran = app("-m", "task=transmit", "input=a.txt", "panel.columns=4,8", *words.split())
+    assert ran.complaint.startswith(said)
+    assert ran.out == ""
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "task=transmit input=nothing",
+        "task=transmit input=a.txt panel.rows=0 hydra.sweeper.max_batch_size=1",
+    ],
+)
+def test_a_mistake_of_several_jobs_is_said_once(app, tmp_path, words):
+    (tmp_path / "a.txt").write_text("a message")
+    ran = app("-m", "panel.columns=4,8,16", *words.split())
+    assert ran.complaint.startswith(("input nothing", "panel.rows is 0"))
+    assert ran.out.count("refused as job 0 is") == 2
+
+
+def test_a_value_that_hangs_on_the_number_of_the_job_is_not_refused_for_all(
+    app, tmp_path
+):
+    (tmp_path / "a.txt").write_text("a message")
+    send = ("-m", "task=transmit", "panel.columns=4,8")
+    ran = app(*send, "input=a.txt", "name=x", "transmit.bands=${hydra:job.num}")
+    assert ran.complaint.startswith("transmit.bands is 0")
+    assert (tmp_path / "runs" / "x" / "1" / "plan.yaml").exists()
+    ran = app(*send, "input=${oc.env:SENT}", "+hydra.job.env_set.SENT=a.txt")
+    assert (ran.status, ran.err) == (0, "")
+
+
 def test_the_configuration_is_composed_once_and_its_own_mode_holds(
     app, tmp_path, monkeypatch
 ):

@@ -18,8 +18,10 @@ from typing import Any
 import hydra
 from hydra._internal.hydra import Hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.utils import env_override
+from hydra.plugins.sweeper import Sweeper
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from vocc_torch.app.config import AppConfig, inside_runs, register
 from vocc_torch.app.jobs import (
@@ -36,6 +38,8 @@ from vocc_torch.files import UNFINISHED, locked, sweep, unfinished
 from vocc_torch.measure.config import as_yaml
 
 MULTIRUN = ("-m", "--multirun")
+SWEEP = "multirun.yaml"  # Hydra writes it before the first job
+COMPOSE_JOBS = Sweeper.validate_batch_is_legal
 OUT_OF_MEMORY = "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
 
 
@@ -114,6 +118,48 @@ def composed_once(arguments: Sequence[str]) -> Iterator[None]:
         Hydra.get_mode = usual  # type: ignore[method-assign]
 
 
+def validate_jobs(sweeper: Any, batch: Sequence[Sequence[str]]) -> None:
+    """Compose the jobs of a multirun, in Hydra's place, and refuse at once what all would be refused for.
+
+    Args:
+        sweeper: of Hydra, which has split the jobs.
+        batch: the overrides of each job.
+
+    Raises:
+        VoccError: the complaint, where it is the same for every job.
+    """
+    refusals = (refusal_of(sweeper, *job) for job in enumerate(batch))
+    complaint = next(refusals)
+    others = getattr(sweeper, "overrides", None) != [batch]
+    if complaint and not others and all(other == complaint for other in refusals):
+        discard_if_empty(Path.cwd() / sweeper.config.hydra.sweep.dir)
+        raise VoccError(complaint)
+    COMPOSE_JOBS(sweeper, batch[1:])
+
+
+def refusal_of(sweeper: Any, number: int, words: Sequence[str]) -> str:
+    """Say what a job of a multirun is refused for before it begins, or nothing."""
+    loader = sweeper.hydra_context.config_loader
+    config = loader.load_sweep_config(sweeper.config, list(words))
+    with open_dict(config):
+        config.hydra.job.update(id=number, num=number)
+        HydraConfig.instance().set_config(config)
+        about = config.pop("hydra")
+    try:
+        with env_override(about.job.env_set):
+            resolved(config, words_of(about))
+    except VoccError as error:
+        return str(error)
+    return ""
+
+
+def words_of(about: Any) -> list[str]:
+    """Give a job's overrides as they were typed, from Hydra's own configuration of the job."""
+    # What a word interpolates is not resolved here.
+    typed: Any = OmegaConf.to_container(about.overrides.task, resolve=False)
+    return [typed_word(str(word)) for word in typed]
+
+
 def run_task(settings: AppConfig, folder: Path) -> None:
     """Run the task that the configuration names.
 
@@ -140,7 +186,7 @@ def collect_again() -> None:
 
 
 def discard_if_empty(folder: Path) -> None:
-    """Remove a run's folder that holds nothing, and the folders up to ``runs`` that it leaves empty.
+    """Remove a run's folder that holds no result, and the folders up to ``runs`` that it leaves empty.
 
     One outside ``runs/``, where hydra.run.dir may lead, may have been there before and stays.
     """
@@ -153,8 +199,9 @@ def discard_if_empty(folder: Path) -> None:
     ):
         # It holds something, or another run has begun in it.
         with contextlib.suppress(OSError, VoccError), locked(empty):
-            if [path.name for path in empty.iterdir()] == [UNFINISHED]:
-                (empty / UNFINISHED).unlink()
+            marks = list(empty.iterdir())
+            if [path.name for path in marks] in ([UNFINISHED], [SWEEP]):
+                marks[0].unlink()
             empty.rmdir()
 
 
@@ -184,10 +231,7 @@ def run_job(
         heard: Ctrl-C.
     """
     about, one_of_many, number = HydraConfig.get(), place is not None, place or 0
-    # As they were typed: what a word interpolates is not resolved here.
-    typed: Any = OmegaConf.to_container(about.overrides.task, resolve=False)
-    words = [typed_word(str(word)) for word in typed]
-    folder = Path(about.runtime.output_dir)
+    words, folder = words_of(about), Path(about.runtime.output_dir)
     jobs.tell(number, folder=str(folder))
     trace, mine, heading = "", False, " ".join(words)
     try:
@@ -216,17 +260,21 @@ def run_job(
                 " ".join(f"{type(error).__name__}: {error}".split()),
             )
             sys.stderr.write(trace)
-    complain(
-        f"job {number}: {complaint}"
-        if jobs.elsewhere or (trace and one_of_many)
-        else complaint
-    )
     if mine:
         configuration = ""
         with contextlib.suppress(VoccError):  # it may be what failed
             configuration = as_yaml(resolved(config))
         write_down(folder, complaint, trace, configuration)
     jobs.tell(number, complaint=complaint, trace=trace)
+    first, *_ = (w["job"] for w in jobs.told() if w.get("complaint") == complaint)
+    if first != number and not trace:
+        print(f"refused as job {first} is", flush=True)
+    else:
+        complain(
+            f"job {number}: {complaint}"
+            if jobs.elsewhere or (trace and one_of_many)
+            else complaint
+        )
 
 
 def run_jobs(jobs: Jobs) -> int:
@@ -369,6 +417,7 @@ def run() -> int:
     # Hydra prints errors over several lines and exits unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register()
+    Sweeper.validate_batch_is_legal = validate_jobs  # type: ignore[assignment, method-assign]
     sweep(Path(tempfile.gettempdir()).glob(".vocc-torch.*"))
     ours = f".vocc-torch.{os.getpid()}.tmp."
     with tempfile.TemporaryDirectory(prefix=ours, ignore_cleanup_errors=True) as folder:
