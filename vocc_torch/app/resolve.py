@@ -22,6 +22,7 @@ from vocc_torch.measure.schema import (
     refusal,
     refusals,
     refuse_shadowed,
+    unknown_key,
 )
 
 AUTO = "auto"
@@ -160,7 +161,7 @@ def keys_of_task(task: Task) -> dict[str, Any]:
 
 
 def demand_used(task: str, key: str, said: str) -> None:
-    """Refuse a key that other tasks have.
+    """Refuse a key that other tasks have, and one that no task has in its section.
 
     Args:
         task: that runs.
@@ -170,6 +171,9 @@ def demand_used(task: str, key: str, said: str) -> None:
     Raises:
         VoccError: with the tasks that have it.
     """
+    keys = keys_of(AppConfig)
+    if key.split(".")[0] in keys and not has_key(AppConfig, key):
+        raise VoccError(unknown_key(key, keys))
     if has_key(AppConfig, key) and not covers(TASKS[task].keys, key):
         users = ", ".join(name for name in TASKS if covers(TASKS[name].keys, key))
         raise VoccError(f"{said}: task={task} does not use it, only {users}")
