@@ -7,6 +7,7 @@ from made_up_points import table as table
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import BerTable
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import led_plots, plots
 from vocc_torch.report.styles import receiver_styles
 
@@ -44,6 +45,14 @@ def test_curves_stand_at_their_rates_with_their_intervals(table):
         assert row.error_free or any(
             np.allclose(part[:, 1], ends) for part in segments(axes)
         )
+
+
+def test_a_share_of_0_stands_on_a_linear_axis():
+    style, share = receiver_styles(["ldpc"])["ldpc"], Estimate(0.0, 0.0, 0.6)
+    curve = plots.Curve(style, [50.0], [share])
+    panel = plots.Panel([curve], "", "m", "Packets lost", y_scale="linear")
+    axes = plots.curve_figure([panel], "Lost").axes[0]
+    assert lines(axes)[style.label].get_ydata().tolist() == [0.0]
 
 
 def test_quoted_values_are_stars_of_their_curve(table):

@@ -284,7 +284,9 @@ def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
     """
     rates = [(estimate.value, estimate.low, estimate.high) for estimate in curve.rates]
     rate, low, high = np.array(rates).reshape(-1, 3).T
-    x, style, free = np.array(curve.x), curve.style, rate == 0
+    x, style = np.array(curve.x), curve.style
+    # A logarithmic axis has no place for 0.
+    free = (rate == 0) & (axes.get_yscale() == "log")
     value = np.where(free, np.nan, rate)
     # What is drawn with a shift does not widen the axes by itself.
     axes.update_datalim([*zip(x, low, strict=True), *zip(x, high, strict=True)])
@@ -305,7 +307,7 @@ def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
         x, value, reach, linestyle=style.line, elinewidth=1.3, capsize=2.5, **look
     )
     drawn.lines[0].set(label=style.label, **EDGE)
-    if free.any() and axes.get_yscale() == "log":
+    if free.any():
         arrows = axes.errorbar(
             x[free],
             high[free],
