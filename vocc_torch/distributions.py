@@ -121,19 +121,27 @@ class Distribution:
         return min(self.values), max(self.values)
 
     def draw(self, generator: np.random.Generator, count: int) -> NDArray[np.float64]:
-        """Draw ``count`` values."""
-        if self.kind in ("uniform", "log_uniform"):
-            low, high = self.values
-            if self.kind == "uniform":
-                drawn = generator.uniform(low, high, count)
-            else:
-                drawn = np.exp(generator.uniform(math.log(low), math.log(high), count))
-            # Rounding can carry a draw a hair beyond its bounds.
-            return drawn.clip(low, high)
-        values = np.array(self.values, dtype=np.float64)
-        if self.kind == "constant":
-            return values.repeat(count)
-        return values[generator.integers(len(values), size=count)]
+        """Draw ``count`` values; a constant takes no random numbers."""
+        if self.kind == "choice":
+            chosen = generator.integers(len(self.values), size=count)
+            return np.array(self.values)[chosen]
+        is_constant = self.kind == "constant"
+        return self.at(np.zeros(count) if is_constant else generator.random(count))
+
+    def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Give the value below which a share of the draws lie; of a choice, the value at this share of them.
+
+        Example:
+            >>> Distribution("log_uniform", (1.0, 100.0)).at(np.array([0.0, 0.5])).round(9).tolist()
+            [1.0, 10.0]
+        """
+        if self.kind in ("constant", "choice"):
+            return np.array(self.values)[(share * len(self.values)).astype(int)]
+        is_log = self.kind == "log_uniform"
+        low, high = map(math.log, self.values) if is_log else self.values
+        found: NDArray[np.float64] = low + (high - low) * share
+        found = np.exp(found) if is_log else found
+        return found.clip(*self.bounds)  # rounding can carry a draw a hair beyond
 
 
 def parsed_scene(

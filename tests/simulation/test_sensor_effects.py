@@ -338,9 +338,6 @@ def test_a_window_has_the_noise_of_the_full_frame(effect, window):
         assert torch.equal(shown, cut(on_sensor(full, effect), origin, size))
 
 
-# The sensor's own patterns are kept
-
-
 # What else fills the sensor
 
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from vocc_torch.arrays import Bools, Floats, Integers
 from vocc_torch.errors import VoccError
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.simulation import Distribution, SceneModel
+from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.scene import SCENE_FIELDS
 from vocc_torch.types import PanelShape, Scene
 
@@ -119,9 +119,7 @@ class TiltedScenes(SceneModel):
     def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, Tensor]:
         """Draw a block: 64 scenes and their bits (64,R,C) bool."""
         uniform, bits = self.drawn(key, shape)
-        values = (
-            _value_at(getattr(self, name), uniform[name]) for name in SCENE_FIELDS
-        )
+        values = (getattr(self, name).at(uniform[name]) for name in SCENE_FIELDS)
         return Scene(*map(torch.from_numpy, values)), torch.from_numpy(bits)
 
     def weights(self, uniform: Mapping[str, Floats], bits: Bools) -> Floats:
@@ -179,18 +177,3 @@ class TiltedScenes(SceneModel):
 def part_of(uniform: Floats) -> Integers:
     """Give the part of a distribution in which a place from 0 to below 1 lies."""
     return np.searchsorted(EDGES[1:-1], uniform, side="right")
-
-
-def _value_at(distribution: Distribution, uniform: Floats) -> Floats:
-    """Give the value below which a distribution has a share; of a choice, the value at this share of them."""
-    values = np.array(distribution.values, dtype=np.float64)
-    if distribution.kind == "constant":
-        return values.repeat(len(uniform))
-    if distribution.kind == "choice":
-        return values[np.floor(uniform * len(values)).astype(np.int64)]
-    low, high = np.log(values) if distribution.kind == "log_uniform" else values
-    drawn = low + (high - low) * uniform
-    found: Floats = (
-        np.exp(drawn) if distribution.kind == "log_uniform" else drawn
-    ).clip(*distribution.bounds)
-    return found

@@ -150,52 +150,25 @@ class Lamps(Effect, on=Quantity.BACKGROUND):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Paint each frame's lamps onto its (B,1,H,W) background luminance."""
-        camera, painted = context.camera, value.clone()
-        radii = (
-            self.diameter_m / 2 * camera.pixels_per_metre(context.scene.distance_m)
-        ).tolist()
-        shining = torch.full_like(context.scene.distance_m, self.luminance_cd_m2).view(
-            -1, 1, 1
-        )
+        camera, distance_m = context.camera, context.scene.distance_m
+        sensor_px, painted = (camera.width_px, camera.height_px), value.clone()
+        shining = torch.full_like(distance_m, self.luminance_cd_m2).view(-1, 1, 1)
         luminances = light.dimmed_once(shining, context).flatten().tolist()
-        generators = context.generators(self.name, of_scene=True)
-        frames = zip(
-            radii, context.first_px.tolist(), luminances, generators, strict=True
+        middles = context.draws(
+            self.name, lambda g: g.random((self.count, 2)) * sensor_px, of_scene=True
         )
-        for frame, (radius, origin, luminance, generator) in enumerate(frames):
-            plane = painted[frame, 0]
-            for centre in (
-                generator.random((self.count, 2)) * (camera.width_px, camera.height_px)
-            ).tolist():
-                # The sensor's coordinates throughout, so that a crop gets the full frame's very numbers.
-                sides = zip(centre, origin, plane.shape[::-1], strict=True)
-                disc = [
-                    (math.floor(c - radius), math.ceil(c + radius), at, at + n)
-                    for c, at, n in sides
-                ]
-                ends = [
-                    (max(low, first), min(high, last))
-                    for low, high, first, last in disc
-                ]
-                (left, right), (top, bottom) = ends
-                if left >= right or top >= bottom:
-                    continue
-                steps = (
-                    torch.arange(low, high + 1, device=plane.device).double()
-                    for low, high in ends
-                )
-                x, y = (
-                    (step - c) / radius for step, c in zip(steps, centre, strict=True)
-                )
-                area = (
-                    raster.disc_quadrant_area(x, y).diff(dim=0).diff(dim=1) * radius**2
-                )
-                cover = area.clamp(0, 1).to(plane.dtype)
-                window = plane[
-                    top - origin[1] : bottom - origin[1],
-                    left - origin[0] : right - origin[0],
-                ]
-                window.mul_(1 - cover).add_(cover * luminance)
+        middles = middles - context.first_px.unsqueeze(1)
+        radius = self.diameter_m / 2 * camera.pixels_per_metre(distance_m)
+        spread = torch.diag_embed(radius.square().view(-1, 1, 1).expand_as(middles))
+        every = torch.ones_like(middles[..., 0], dtype=torch.bool).flatten()
+        size = value.shape[2], value.shape[3]
+        discs = raster.ellipse_patches(middles, spread, every, canvas_px=size)
+        for lamps, cover, left, top in discs:
+            places = zip(lamps.tolist(), left.tolist(), top.tolist(), strict=True)
+            for (lamp, x, y), disc in zip(places, cover.to(value.dtype), strict=True):
+                frame, (height, width) = lamp // self.count, disc.shape
+                window = painted[frame, 0, y : y + height, x : x + width]
+                window.mul_(1 - disc).add_(disc * luminances[frame])
         return painted
 
 

@@ -9,11 +9,8 @@ from vocc_torch.arrays import Bytes, Floats
 FEW = 3.0
 """Below this mean the counts are summed up one by one; from it on they are expanded in the normal number."""
 
-SECOND_ORDER = 0.045
-"""Bound on the expansion's error to second order over its size squared: 0.035 where that stays below 1/2."""
-
 THIRD_ORDER = 0.0125
-"""Bound on the error to third order over its size cubed: 0.0081 at every size."""
+"""Bound on the expansion's error over its size cubed: 0.0081 at every size."""
 
 MOST_STEPS = 64
 """Counts by which an expansion may be off: at a mean of 3 and 7 standard deviations it is off by 20."""
@@ -27,8 +24,8 @@ def poisson_quantile(mean: Floats, normal: Floats) -> Floats:
 
     The count is the least ``n`` with ``P(N <= n) >= Phi(normal)``; standard normal numbers give exactly
     Poisson distributed counts. From a mean of 3 on the quantile comes from its expansion in powers of
-    ``mean^(-1/2)``, where that lies too near to a whole number for its error bound from the next order, and
-    where that still does from the distribution function itself.
+    ``mean^(-1/2)``, and where that lies too near to a whole number for its error bound from the distribution
+    function itself.
 
     Args:
         mean: any shape, at least 0 and finite; a mean of 0 counts 0, and from 2^53 on the counts are exact
@@ -62,46 +59,16 @@ def poisson_quantile(mean: Floats, normal: Floats) -> Floats:
 
 
 def _expanded(mean: Floats, normal: Floats) -> Floats:
-    """Quantiles of means from ``FEW`` on, (N,).
-
-    With the expansion's size ``t = (1 + z^2/2) / sqrt(mean)`` the quantile is the whole part of
-    ``mean + z (sqrt(mean) - t/36) + z^2/6 + 1/3``, to an error of ``SECOND_ORDER t^2``.
-    """
-    root = np.sqrt(mean)
-    square = normal * normal
-    size = square * 0.5
-    size += 1.0
-    size /= root
-    exact = size * (-1.0 / 36.0)
-    exact += root
-    exact *= normal
-    exact += mean
-    square *= 1.0 / 6.0
-    square += 1.0 / 3.0
-    exact += square
-    counts: Floats = np.floor(exact, out=root)
-    # How far from the middle between two whole numbers, and how far that is safe.
-    exact -= counts
-    exact -= 0.5
-    np.abs(exact, out=exact)
-    size *= size
-    size *= SECOND_ORDER
-    exact += size
-    doubtful = np.flatnonzero(exact > 0.5)
-    if doubtful.size:
-        counts[doubtful] = refined_quantile(mean[doubtful], normal[doubtful])
-    return counts
-
-
-def refined_quantile(mean: Floats, normal: Floats) -> Floats:
-    """Quantiles of means from ``FEW`` on to third order, and exactly where that leaves a doubt, (N,)."""
+    """Quantiles of means from ``FEW`` on, (N,): to third order, and exactly where that leaves a doubt."""
     root = np.sqrt(mean)
     square = normal * normal
     size = (1.0 + 0.5 * square) / root
     exact = mean + normal * (root - size / 36.0) + square / 6.0 + 1.0 / 3.0
     exact += 2.0 / 135.0 * size * size - size / (81.0 * root) - 1.0 / (45.0 * mean)
     counts, nearest = np.floor(exact), np.rint(exact)
-    doubtful = np.flatnonzero(np.abs(exact - nearest) < THIRD_ORDER * size**3)
+    doubtful = np.flatnonzero(
+        np.abs(exact - nearest) < THIRD_ORDER * (size * size * size)
+    )
     mean = mean[doubtful]
     count = np.maximum(nearest[doubtful], 0.0)
     target = special.ndtr(normal[doubtful])

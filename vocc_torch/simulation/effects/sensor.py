@@ -5,10 +5,10 @@ its own. So neither the batch nor the device nor other effects change them, and 
 that the full frame has there, for the price of the tiles that it touches.
 """
 
+import functools
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import field, fields
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -172,7 +172,8 @@ TILE_PX = 128
 TILE = TILE_PX, TILE_PX
 """Shape of such a square."""
 
-Tiles = dict[tuple[int, int, int, str], Singles]
+MOST_TILES = 1024
+"""Tiles of patterns that are held, 64 KiB each: of a full-HD sensor 135 a pattern and channel."""
 
 
 class TilePart(NamedTuple):
@@ -244,21 +245,7 @@ class ElectronNoise(Effect, on=Quantity.ELECTRONS):
 
 
 class SensorPattern(ElectronNoise):
-    """A pattern of the sensor itself: keyed by the run's seed and the pixel's place, by nothing else.
-
-    What has been drawn is kept until another run's frames come, since it never changes in a run. Copies, and
-    those sent to other processes, begin empty: they would draw the same.
-    """
-
-    _tiles: Tiles = field(default_factory=dict, init=False, repr=False, compare=False)
-
-    def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
-        """Leave what has been drawn behind."""
-        return type(self), tuple(
-            getattr(self, attribute.name)
-            for attribute in fields(self)
-            if attribute.init
-        )
+    """A pattern of the sensor itself: keyed by the run's seed and the pixel's place, by nothing else."""
 
     @abstractmethod
     def tile(self, generator: Generator) -> Singles:
@@ -275,19 +262,18 @@ class SensorPattern(ElectronNoise):
             planes, context.keys_for(self.name), context.first_px.tolist(), strict=True
         )
         for plane, key, origin in frames:
+            stream = f"effect.{self.name}{context.sensor}"
             for part in tile_parts(origin, plane.shape):
-                place = key.block.seed, part.row, part.column, context.sensor
-                if place not in self._tiles:
-                    if self._tiles and next(iter(self._tiles))[0] != key.block.seed:
-                        self._tiles.clear()
-                    self._tiles[place] = self.tile(
-                        sensor_generator(
-                            key.block.seed,
-                            f"effect.{self.name}{context.sensor}/{part.row}/{part.column}",
-                        )
-                    )
-                plane[part.in_window] = self._tiles[place][part.in_tile]
+                place = f"{stream}/{part.row}/{part.column}"
+                tile = pattern_tile(self, key.block.seed, place)
+                plane[part.in_window] = tile[part.in_tile]
         return torch.from_numpy(planes).unsqueeze(1).to(value)
+
+
+@functools.lru_cache(MOST_TILES)
+def pattern_tile(pattern: SensorPattern, seed: int, place: str) -> Singles:
+    """Draw one tile of a pattern, which never changes in a run."""
+    return pattern.tile(sensor_generator(seed, place))
 
 
 class Prnu(SensorPattern):
