@@ -3,9 +3,6 @@
 Most of a simulated or dark frame is of one grey value: that part is looked at only once.
 """
 
-from dataclasses import dataclass
-from fractions import Fraction
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -13,30 +10,32 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.types import Frames
 
-
-@dataclass(frozen=True)
-class CountSettings:
-    """How grey values are counted."""
-
-    # In smaller frames looking for what is uneven costs more than it saves.
-    large_frame_px: int = 1 << 16
-    counted_px: int = 1 << 12  # from so many on frames are counted one by one
-
-
-COUNT = CountSettings()
-
 _LEVELS = 256
-# Up to so many pixels whole numbers of 64 bits hold every difference, and variances are right to 1e-15.
-MOST_EXACT_PX, TIE_SHARE = 1 << 28, 1e-12
+TIE_SHARE = 1e-12
+"""Thresholds whose variances differ by less are equally good: float64 rounds them."""
+LARGE_FRAME_PX = 1 << 16
+"""In smaller frames looking for what is uneven costs more than it saves."""
+WORD_PX = 8
+"""Pixels of a row that are compared at once."""
 
-BLOCK_PX = 8
+
+def extents(lit: Tensor) -> tuple[Tensor, Tensor]:
+    """Find the first that is lit of each row (B,N) bool, and how many there are up to the last, 0 where none is.
+
+    Example:
+        >>> extents(torch.tensor([[0, 1, 0, 1, 0], [0, 0, 0, 0, 0]]).bool())
+        (tensor([1, 0]), tensor([3, 0]))
+    """
+    values = lit.byte()
+    first, beyond = values.argmax(1), values.flip(1).argmax(1)
+    return first, (lit.shape[1] - beyond - first) * values.amax(1)
 
 
 def trimmed(frames: Frames) -> Frames:
     """Cut whole frames in the CPU's memory to a box, of one size, beyond which each has one grey value.
 
-    Boxes are of whole blocks of 8 px. Frames pass as they are where one of them is uneven already in its
-    first row, as with noise, or over most of its width; so do small ones, crops and those on an accelerator.
+    Frames pass as they are where one of them is uneven already in its first row, as with noise, or over most of
+    its width; so do small ones, those whose width is no multiple of 8, crops and those on an accelerator.
 
     Args:
         frames: uint8 frames.
@@ -49,61 +48,35 @@ def trimmed(frames: Frames) -> Frames:
         >>> grey[0, 0, 101:120, 50:90] = 200
         >>> crop = trimmed(Frames.whole(grey))
         >>> crop.origin_px.tolist(), tuple(crop.grey.shape[-2:]), crop.surround.tolist()
-        ([[48, 96]], (24, 48), [9])
+        ([[48, 101]], (19, 48), [9])
     """
     grey, (height, width) = frames.grey, frames.grey.shape[-2:]
     complete = frames.surround is None and frames.sensor_px == (height, width)
-    if (
-        not complete
-        or not len(frames)
-        or grey.device.type != "cpu"
-        or height * width < COUNT.large_frame_px
-    ):
+    large = height * width >= LARGE_FRAME_PX and len(frames) > 0
+    if not (complete and large and grey.is_cpu) or width % WORD_PX:
         return frames
-    boxes, planes = [], grey.numpy()[:, 0]
-    for plane in planes:
-        if (plane[0] != plane[0, 0]).any():
-            return frames
-        # The eight bytes that a block has of a row are compared at once, where they lie in words.
-        words = (
-            plane.view(np.uint64)
-            if width % BLOCK_PX == 0 and plane.strides[1] == 1
-            else plane
-        )
-        uneven, across = (words.ravel() != words[0, 0]).nonzero()[0], words.shape[1]
-        if not len(uneven):
-            boxes.append((0, 0, 1, 1))
-            continue
-        columns, step = uneven % across, BLOCK_PX // words.itemsize
-        left, right = int(columns.min()) // step, int(columns.max()) // step + 1
-        top, low = (
-            int(uneven[0]) // across // BLOCK_PX,
-            int(uneven[-1]) // across // BLOCK_PX + 1,
-        )
-        # Blocks that the border cuts stay with the frame.
-        if (
-            2 * (right - left) * BLOCK_PX > width
-            or right > width // BLOCK_PX
-            or low > height // BLOCK_PX
-        ):
-            return frames
-        boxes.append((left, top, right - left, low - top))
-    wide, high = (max(sides) for sides in list(zip(*boxes, strict=True))[2:])
-    room_x, room_y = width // BLOCK_PX - wide, height // BLOCK_PX - high
-    origin = [
-        (min(left, room_x) * BLOCK_PX, min(top, room_y) * BLOCK_PX)
-        for left, top, _, _ in boxes
+    planes = np.ascontiguousarray(grey.numpy()[:, 0])
+    if (planes[:, 0] != planes[:, 0, :1]).any():
+        return frames
+    words = planes.view(np.uint64)
+    uneven = words != words[:, :1, :1]
+    rows = uneven.any(2)
+    top, high = extents(torch.from_numpy(rows))
+    left, wide = extents(torch.from_numpy(uneven[:, rows.any(0)].any(1)))
+    across, down = max(1, int(wide.max())), max(1, int(high.max()))
+    if 2 * across > words.shape[2]:
+        return frames
+    left = left.clamp(max=words.shape[2] - across) * WORD_PX
+    top = top.clamp(max=height - down)
+    parts = [
+        plane[None, y : y + down, x : x + across * WORD_PX]
+        for plane, x, y in zip(planes, left.tolist(), top.tolist(), strict=True)
     ]
-    down, across = high * BLOCK_PX, wide * BLOCK_PX
-    parts = np.empty((len(planes), 1, down, across), dtype=np.uint8)
-    for part, plane, (x, y) in zip(parts, planes, origin, strict=True):
-        part[0] = plane[y : y + down, x : x + across]
-    cut, level = torch.from_numpy(parts), torch.from_numpy(planes[:, 0, 0].copy())
     return Frames(
-        cut,
-        torch.from_numpy(frames.origin_px.numpy() + origin),
+        torch.from_numpy(np.stack(parts)),
+        frames.origin_px + torch.stack([left, top], 1),
         frames.sensor_px,
-        level,
+        torch.from_numpy(planes[:, 0, 0].copy()),
     )
 
 
@@ -129,10 +102,7 @@ def histogram256(grey: Tensor) -> Tensor:
     if not grey.numel():
         return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
     pixels, on_host = grey.reshape(frames, -1), grey.device.type == "cpu"
-    if frames == 1 and pixels.shape[1] <= COUNT.counted_px and on_host:
-        return torch.from_numpy(np.bincount(pixels.numpy()[0], minlength=_LEVELS)[None])
-    # Counting each frame's bytes beats widening the whole batch to int64 for one offset count.
-    if on_host and (pixels.shape[1] >= COUNT.counted_px or frames == 1):
+    if on_host:
         return torch.stack([torch.bincount(one, minlength=_LEVELS) for one in pixels])
     # On an accelerator torch.bincount waits for the greatest value.
     offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS
@@ -188,13 +158,12 @@ def sensor_threshold(frames: Frames) -> Tensor:
 def otsu_threshold(histogram: Tensor) -> Tensor:
     """Find the grey value that best parts each histogram in two; the foreground is ``grey > threshold``.
 
-    It maximises the variance between the classes over all 256 thresholds; those that are better or worse by
-    rounding at most are compared in rational numbers, and on an accelerator taken for equal. Of equally good
-    thresholds the lowest is taken, as OpenCV does. A constant image has no best one: its threshold is its own
-    grey value, so nothing is foreground. An empty histogram gives 0.
+    It maximises the variance between the classes over all 256 thresholds. Of equally good thresholds the lowest
+    is taken, as OpenCV does. A constant image has no best one: its threshold is its own grey value, so nothing is
+    foreground. An empty histogram gives 0.
 
     Args:
-        histogram: (B,256) counts, finite, at least 0, of less than 2^55 pixels a frame.
+        histogram: (B,256) counts, finite, at least 0.
 
     Returns:
         (B,) int64 thresholds, 0 to 255.
@@ -207,30 +176,16 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     # Whole numbers: running sums of others have no fixed order.
     counts = histogram.long()
     levels = torch.arange(_LEVELS, device=counts.device)
-    below, mass = counts.cumsum(1), (counts * levels).cumsum(1)
+    below, mass = counts.cumsum(1), (counts * levels).double().cumsum(1)
     total, total_mass = below[:, -1:], mass[:, -1:]
     # Empty levels part as the last level below does that is not.
     parts = (counts > 0) & (below < total)
-    # w0 w1 (m0 - m1)^2 times a constant of the frame; products may wrap around, their difference does not.
-    apart = (total_mass * below - mass * total).double()
-    weight = (below.double() * (total - below)).clamp(min=1.0)
-    between = torch.where(parts, apart * apart / weight, -1.0)
-    least = between.amax(1, keepdim=True) * (1 - TIE_SHARE)
-    best = parts & ((between >= least) | (total > MOST_EXACT_PX))
+    above = (total - below).clamp(min=1)
+    apart = mass / below.clamp(min=1) - (total_mass - mass) / above
+    # In float64: products of counts may not fit 64 bits.
+    between = below.double() * above * apart.square()
+    between = torch.where(parts, between, -1.0)
+    best = parts & (between >= between.amax(1, keepdim=True) * (1 - TIE_SHARE))
     # One grey value may have all pixels, or nothing have any.
     chosen = torch.where(parts.any(1, keepdim=True), best, counts > 0)
-    threshold = (_LEVELS - (chosen * (_LEVELS - levels)).amax(1)) % _LEVELS
-    if not counts.is_cpu:
-        return threshold
-    for row in (best.sum(1) > 1).nonzero()[:, 0].tolist():
-        n, s = below[row].tolist(), mass[row].tolist()
-        apart_squared = {
-            level: (s[-1] * n[level] - s[level] * n[-1]) ** 2
-            for level in best[row].nonzero()[:, 0].tolist()
-        }
-        exact = {
-            level: Fraction(square, n[level] * (n[-1] - n[level]))
-            for level, square in apart_squared.items()
-        }
-        threshold[row] = max(exact, key=lambda level: exact[level])
-    return threshold
+    return (_LEVELS - (chosen * (_LEVELS - levels)).amax(1)) % _LEVELS

@@ -293,10 +293,7 @@ def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
             most = torch.from_numpy(np.amax(grey[:, 0].numpy(), axis))
         else:
             most = grey[:, 0].amax(axis)
-        lit = (most > threshold[:, None]).byte()
-        first = lit.argmax(1)
-        width = (lit.shape[1] - lit.flip(1).argmax(1) - first) * lit.amax(1)
-        ends.append((first, width))
+        ends.append(foreground.extents(most > threshold[:, None]))
     return torch.stack([end for pair in zip(*ends, strict=True) for end in pair], 1)
 
 
