@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.receiver import lattice_model, resample
-from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Edges, Lattice, Model
+from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Lattice, Model
 from vocc_torch.receiver.levels import GAMMA, grey_values, linear_light, two_levels
 from vocc_torch.receiver.resample import corner_cells, sample_cells
 from vocc_torch.types import Frames, PanelShape
@@ -94,12 +94,12 @@ def _improved(
         bits, found = _two_levels(_amplitudes(light, model))
         levels = lattice.levels if number else found.double()
         lattice = replace(lattice, bits=bits, levels=levels)
-        model = model.again(lattice)
+        model = Model.of(model.grey, lattice)
     else:
         lattice, turned = _with_turned_bits(model, lattice)
         if bool(turned.any()):
             unsettled |= turned
-            model = model.again(lattice)
+            model = Model.of(model.grey, lattice)
         if number in _LINE_STEPS:
             lattice, shifted = _with_missed_lines(model, lattice)
             if bool(shifted.any()):
@@ -278,48 +278,20 @@ def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]
     Such a line gives little light, so a fit may rest a line too far to the other side. Each side is tried:
     the far line is taken away, and a line of Off LEDs added before the near one.
     """
-    amplitude = lattice.amplitudes()
     costs = [(model.predicted - model.grey).square().sum((1, 2))]
-    options = []
-    sides = ((1, model.rows, model.columns), (2, model.columns, model.rows))
-    for axis, spots, others in sides:
-        leds = int(amplitude.shape[axis])
-        samples = sample_cells(leds, SAMPLES, MARGIN).to(amplitude)
-        blur = lattice.blur[:, 2 - axis, None].float()
-        off = lattice.levels[:, :1].float() * others.value.sum(2)
-        for far, near, by in ((leds - 1, -0.5, -1), (0, leds + 0.5, 1)):
-            new = torch.exp(-(((samples - near) / blur) ** 2) / 2)
-            old = (others.value @ amplitude.select(axis, far)[..., None])[..., 0]
-            change = (
-                new[:, :, None] * off[:, None]
-                - spots.value[:, :, far, None] * old[:, None]
-            )
-            moved = (
-                Edges.of(leds, lattice.blur[:, 2 - axis], by).value
-                - model.edges[axis - 1].value
-            )
-            face = lattice.face.float()[:, None] * model.edges[2 - axis].value
-            change = change + moved[:, :, None] * face[:, None]
-            light = model.light + (change if axis == 1 else change.mT)
-            costs.append((grey_values(light) - model.grey).square().sum((1, 2)))
-            options.append((axis, by))
-    chosen = torch.stack(costs, 1).argmin(1)
-    shifted = chosen > 0
-    if not bool(shifted.any()):
-        return lattice, shifted
-    found = lattice
-    for option, (axis, by) in enumerate(options, start=1):
+    options = [lattice]
+    for axis, by in ((1, -1), (1, 1), (2, -1), (2, 1)):
         bits = lattice.bits.roll(-by, axis)
         bits.select(axis, -1 if by > 0 else 0).fill_(False)
+        moved = (by, 0) if axis == 1 else (0, by)
+        predicted = Model.of(model.grey, replace(lattice, bits=bits), moved).predicted
+        costs.append((predicted - model.grey).square().sum((1, 2)))
         cells = corner_cells(lattice.shape).to(bits.device, copy=True)
         cells[:, 2 - axis] += by
         corners = resample.map_points(
             lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape
         )
-        there = (chosen == option)[:, None, None]
-        bits, corners = (
-            found.bits.where(~there, bits),
-            found.corners_px.where(~there, corners),
-        )
-        found = replace(found, bits=bits, corners_px=corners)
-    return found, shifted
+        options.append(replace(lattice, bits=bits, corners_px=corners))
+    chosen = torch.stack(costs, 1).argmin(1)
+    rows = torch.arange(len(chosen), device=chosen.device)
+    return Lattice.cat(options)[chosen * len(rows) + rows], chosen > 0

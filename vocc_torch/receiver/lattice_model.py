@@ -111,11 +111,17 @@ class Spots(NamedTuple):
     lever: Tensor
 
     @classmethod
-    def of(cls, leds: int, blur: Tensor) -> Self:
-        """Compute the profiles of ``leds`` spots along an axis from their standard deviations (B,), cells."""
+    def of(cls, leds: int, blur: Tensor, moved_cells: int = 0) -> Self:
+        """Compute the profiles of ``leds`` spots along an axis from their standard deviations (B,), cells.
+
+        Args:
+            leds: along the axis.
+            blur: of the spots.
+            moved_cells: by which the panel is moved along the axis.
+        """
         apart, lever = _axis(leds, blur.device)
         width = blur.float()[:, None, None]
-        offset = apart / width
+        offset = (apart - moved_cells) / width
         return cls(torch.exp(-(offset**2) / 2), offset, width, lever)
 
     def changes(self) -> tuple[Tensor, Tensor]:
@@ -155,9 +161,9 @@ class Edges(NamedTuple):
         """Compute the profile of a panel of ``leds`` LEDs from the spots' standard deviation (B,), cells.
 
         Args:
-            leds: along the axis.
-            blur: of the spots.
-            moved_cells: by which the panel is moved along the axis.
+            leds: see :meth:`Spots.of`.
+            blur: likewise.
+            moved_cells: likewise.
         """
         width = EDGE_OF_BLUR * blur.float()[:, None]
         samples = sample_cells(leds, SAMPLES, MARGIN).to(width) - moved_cells
@@ -191,16 +197,16 @@ class Model(NamedTuple):
     predicted: Tensor
 
     @classmethod
-    def of(cls, grey: Tensor, lattice: Lattice, known: "Model | None" = None) -> Self:
-        """Predict pictures that are resampled about the lattices; spots and edges are taken where known."""
-        if known is None:
-            across, down = lattice.blur.unbind(1)
-            sides = (lattice.shape.rows, down), (lattice.shape.columns, across)
-            rows, columns = (Spots.of(*side) for side in sides)
-            up, along = (Edges.of(*side) for side in sides)
-            edges = up, along
-        else:
-            rows, columns, edges = known.rows, known.columns, known.edges
+    def of(
+        cls, grey: Tensor, lattice: Lattice, moved_cells: tuple[int, int] = (0, 0)
+    ) -> Self:
+        """Predict pictures that are resampled about the lattices, or cells beside them, down and across."""
+        across, down = lattice.blur.unbind(1)
+        leds = lattice.shape.rows, lattice.shape.columns
+        sides = list(zip(leds, (down, across), moved_cells, strict=True))
+        rows, columns = (Spots.of(*side) for side in sides)
+        up, along = (Edges.of(*side) for side in sides)
+        edges = up, along
         both = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
         parts = rows.value[:, None] @ both @ columns.value[:, None].mT
         levels, background = (
@@ -211,10 +217,6 @@ class Model(NamedTuple):
         face = lattice.face.to(grey.dtype)[:, None, None]
         light = light + face * edges[0].value[:, :, None] * edges[1].value[:, None]
         return cls(grey, rows, columns, edges, parts, light, grey_values(light))
-
-    def again(self, lattice: Lattice) -> Self:
-        """Predict anew after a change of bits, levels, face and background only."""
-        return type(self).of(self.grey, lattice, self)
 
     def trust(self) -> Tensor:
         """Weigh pixels (B,H,W): what the lattice cannot explain, such as what hides the panel, counts little.
