@@ -59,10 +59,14 @@ def trimmed(frames: Frames) -> Frames:
     if (planes[:, 0] != planes[:, 0, :1]).any():
         return frames
     words = planes.view(np.uint64)
-    uneven = words != words[:, :1, :1]
-    rows = uneven.any(2)
-    top, high = extents(torch.from_numpy(rows))
-    left, wide = extents(torch.from_numpy(uneven[:, rows.any(0)].any(1)))
+    rows, columns = [], []
+    for plane in words:
+        uneven = plane != plane[0, 0]
+        rows.append(uneven.any(1))
+        columns.append(uneven[rows[-1]].any(0))
+    (top, high), (left, wide) = (
+        extents(torch.from_numpy(np.stack(lit))) for lit in (rows, columns)
+    )
     across, down = max(1, int(wide.max())), max(1, int(high.max()))
     if 2 * across > words.shape[2]:
         return frames
