@@ -136,7 +136,8 @@ class Distribution:
             [1.0, 10.0]
         """
         if self.kind in ("constant", "choice"):
-            return np.array(self.values)[(share * len(self.values)).astype(int)]
+            place = (share * len(self.values)).astype(np.int64)
+            return np.array(self.values)[place]
         is_log = self.kind == "log_uniform"
         low, high = map(math.log, self.values) if is_log else self.values
         found: NDArray[np.float64] = low + (high - low) * share

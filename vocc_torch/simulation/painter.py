@@ -175,11 +175,14 @@ def led_stamps(
         yield from background.cell_patches(at, half_m, size, context, square)
     if upright:
         # By powers of two, so that a near panel does not make all patches large.
-        patches = [max(SMALL_PATCH_PX, 1 << int(side).bit_length()) for side in sides]
+        groups: dict[int, list[int]] = {}
+        for frame in single:
+            patch = max(SMALL_PATCH_PX, 1 << int(sides[frame]).bit_length())
+            is_near = leds * patch**2 > raster.GROUP_VALUES
+            groups.setdefault(0 if is_near else patch, []).append(frame)
+        near = groups.pop(0, [])
         values = raster.GROUP_VALUES if origin.is_cpu else raster.GROUP_VALUES_ELSEWHERE
-        near = [f for f in single if leds * patches[f] ** 2 > raster.GROUP_VALUES]
-        for patch in sorted({patches[f] for f in single} - {patches[f] for f in near}):
-            like = [frame for frame in single if patches[frame] == patch]
+        for like in groups.values():
             side = int(max(sides[frame] for frame in like)) + 1
             most = max(1, values // (leds * side**2))
             for some in torch.split(torch.tensor(like), most):

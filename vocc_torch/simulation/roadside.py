@@ -307,18 +307,6 @@ def marks(sketch: Sketch, g: Generator, light: Light) -> None:
 
 Thing = Callable[[Sketch, Generator, Light], None]
 
-BESIDE: tuple[Thing, ...] = (
-    vehicle,
-    vehicle,
-    house,
-    sign,
-    display,
-    fence,
-    lamp_post,
-    tree,
-)
-"""What a street is drawn from, each entry with the same chance."""
-
 REACH_M: dict[Thing, float] = {
     vehicle: 4.0,
     house: 27.0,
@@ -329,3 +317,6 @@ REACH_M: dict[Thing, float] = {
     tree: 18.0,
 }
 """How far each thing reaches from the middle of its foot at most, m."""
+
+BESIDE: tuple[Thing, ...] = (vehicle, *REACH_M)
+"""What a street is drawn from, each entry with the same chance."""

@@ -137,8 +137,8 @@ class Sketch:
         height: float,
         luminance: float,
         fill: float = 0.0,
-    ) -> float:
-        """Write words, of strokes, or with a ``fill`` of a matrix's dots; give their width."""
+    ) -> None:
+        """Write words, of strokes, or with a ``fill`` of a matrix's dots."""
         mask = letters_mask(words)
         cell = height / len(mask)
         row, column = np.nonzero(mask)
@@ -146,7 +146,6 @@ class Sketch:
             [left + cell * (column + 0.5), top + cell * (row + 0.5)], axis=-1
         )
         self.dots(centres, cell * (fill or 1.0) / 2, luminance, round=fill > 0)
-        return float(cell * mask.shape[1])
 
 
 def letters_mask(words: str) -> Bools:

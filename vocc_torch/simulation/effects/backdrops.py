@@ -155,25 +155,22 @@ def light_of(
             ordinary_file(path) as file,
             Image.open(file, formats=PICTURE_FORMATS) as picture,
         ):
-            shown = ImageOps.exif_transpose(picture.convert("L"))
-            shown.thumbnail((most_px, most_px))
-            grey = np.asarray(shown, dtype=np.float32)
+            planes = [ImageOps.exif_transpose(picture.convert("L"))]
             if channel is not None:
-                channel_plane = ImageOps.exif_transpose(
-                    picture.convert("RGB")
-                ).getchannel(channel)
-                channel_plane.thumbnail((most_px, most_px))
+                coloured = ImageOps.exif_transpose(picture.convert("RGB"))
+                planes.append(coloured.getchannel(channel))
+            for plane in planes:
+                plane.thumbnail((most_px, most_px))
     except (OSError, ValueError, Image.DecompressionBombError) as error:
         raise VoccError(
             f"scene.effects.backdrop.folder holds {path.name}, which cannot be read ({error})"
         ) from None
-    light = (grey / np.float32(255)) ** np.float32(gamma)
-    mean = max(float(light.mean()), 1e-9)
-    if channel is not None:
-        light = (
-            np.asarray(channel_plane, dtype=np.float32) / np.float32(255)
-        ) ** np.float32(gamma)
-    scaled: Singles = np.pad(light / mean, (0, 1), mode="edge")
+    lights = [
+        (np.asarray(plane, dtype=np.float32) / np.float32(255)) ** np.float32(gamma)
+        for plane in planes
+    ]
+    mean = max(float(lights[0].mean()), 1e-9)
+    scaled: Singles = np.pad(lights[-1] / mean, (0, 1), mode="edge")
     return scaled.astype(np.float32)
 
 

@@ -32,6 +32,9 @@ SMALLEST = 1e-15
 """How small a coefficient may be that is not 0: roots of polynomials with smaller ones overflow."""
 
 
+TURNED_AXES = ((0, 2), (2, 1), (0, 1))
+"""The axes, x, y and z by number, that yaw, pitch and roll turn: the second towards less of the first."""
+
 CLOCKWISE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
 """Where a rectangle's corners lie from its middle, ``(x, y)`` in half sides, from the top left."""
 
@@ -110,21 +113,16 @@ class Pose(Effect, on=Quantity.PLACEMENT):
                 of_scene=True,
             )
             degrees = drawn[..., 0].mT
-        (cy, cp, cr), (sy, sp, sr) = (
-            f(torch.deg2rad(degrees.to(value))) for f in (torch.cos, torch.sin)
-        )
-        unit, zero = torch.ones_like(cy), torch.zeros_like(cy)
-        yaw = [[cy, zero, -sy], [zero, unit, zero], [sy, zero, cy]]
-        pitch = [[unit, zero, zero], [zero, cp, sp], [zero, -sp, cp]]
-        roll = [[cr, -sr, zero], [sr, cr, zero], [zero, zero, unit]]
-        about = (
-            torch.stack([torch.stack(row, -1) for row in rows], -2)
-            for rows in (yaw, pitch, roll)
-        )
-        turned, raised, rolled = about
-        return torch.cat(
-            [turned @ raised @ rolled @ value[..., :2], value[..., 2:]], dim=-1
-        )
+        unit = torch.eye(3).to(value).repeat(len(value), 1, 1)
+        turn = unit
+        angles_rad = torch.deg2rad(degrees.to(value))
+        for (i, j), angle in zip(TURNED_AXES, angles_rad, strict=True):
+            about = unit.clone()
+            about[:, i, i] = about[:, j, j] = torch.cos(angle)
+            about[:, j, i] = torch.sin(angle)
+            about[:, i, j] = -about[:, j, i]
+            turn = turn @ about
+        return torch.cat([turn @ value[..., :2], value[..., 2:]], dim=-1)
 
     def size_in_px(self, size_px: Extent, camera: Camera, nearest_m: float) -> Extent:
         """Bound the image of what is ``size_px`` when it faces the camera, its centre being on the sensor.
