@@ -185,24 +185,6 @@ def disc_wedge_area(u: Tensor, v: Tensor, cosine: Tensor, sine: Tensor) -> Tenso
     return torch.where(squares - 2 * cosine * product < sine * sine, inside, beyond)
 
 
-def disc_quadrant_area(x: Tensor, y: Tensor) -> Tensor:
-    """Area of the unit disc left of each x and above each y.
-
-    Args:
-        x: (...,P) vertical edges, in radii from the disc's centre.
-        y: (...,Q) horizontal edges, likewise, y pointing down.
-
-    Returns:
-        (...,Q,P) area, 0 to pi; the closed form of the circle's integral.
-
-    Example:
-        >>> area = disc_quadrant_area(torch.tensor([0.0, 2.0]), torch.tensor([0.0]))
-        >>> [round(float(a) / math.pi, 6) for a in area[0]]
-        [0.25, 0.5]
-    """
-    return disc_wedge_area(x, y, x.new_zeros(()), x.new_ones(()))
-
-
 def ellipse_cover(
     centre_px: Tensor, spread_px2: Tensor, size: int, *, canvas_px: Size
 ) -> tuple[Tensor, Tensor, Tensor]:

@@ -218,7 +218,8 @@ def disc_quarters(radius_px: Tensor) -> list[Tensor]:
         - 0.5
     )
     edges = steps / radius_px.unsqueeze(-1)
-    area = raster.disc_quadrant_area(edges, edges)
+    upright = edges.new_zeros(()), edges.new_ones(())
+    area = raster.disc_wedge_area(edges, edges, *upright)
     shares = raster.per_pixel(area).clamp(min=0) / math.pi
     return [
         share[: reach + 1, : reach + 1]

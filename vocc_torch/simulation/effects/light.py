@@ -471,18 +471,12 @@ class Occlusion(Effect, on=Quantity.LUMINANCE):
             [self.width_share, self.height_share], dtype=torch.float64
         ).to(low)
         reach = (high - low) * shares / 2
-        low, high = centre - reach, centre + reach
-        covers = []
-        for axis, side in enumerate(
-            (context.camera.width_px, context.camera.height_px)
-        ):
-            # Cut from the whole sensor, so that a crop gets the full frame's very numbers.
-            steps = torch.arange(value.shape[3 - axis], device=low.device)
-            full_cover = raster.interval_cover(low[:, axis], high[:, axis], side)
-            covers.append(
-                full_cover.gather(1, context.first_px[:, axis : axis + 1] + steps)
-            )
-        across, down = covers
+        centre = centre - context.first_px
+        begin, end = centre - reach, centre + reach
+        across, down = (
+            raster.interval_cover(begin[:, axis], end[:, axis], value.shape[3 - axis])
+            for axis in (0, 1)
+        )
         cover = (down.unsqueeze(-1) * across.unsqueeze(-2)).unsqueeze(1).to(value.dtype)
         surface = photometry.reflected_luminance_cd_m2(
             context.scene.ambient_lx, self.reflectance
