@@ -387,8 +387,6 @@ class Vignetting(Effect, on=Quantity.EXPOSURE):
         camera = context.camera
         height, width = value.shape[-2:]
         origin = context.first_px.to(value.device)
-        if bool((origin == origin[:1]).all()):
-            origin = origin[:1]
         x = _squares(origin[:, 0], width, camera.width_px / 2, camera.focal_length_px)
         y = _squares(origin[:, 1], height, camera.height_px / 2, camera.focal_length_px)
         # (r / F)^2 of each pixel; only the sum over the two axes runs at the frame's own precision.

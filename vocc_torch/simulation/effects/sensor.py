@@ -101,14 +101,10 @@ def mosaic(
     """Lay a cell of 2 x 2 numbers over each frame (B,C,H,W) as the sensor's cells lie, (B,1,H,W)."""
     height, width = like.shape[-2:]
     cell = torch.tensor(cell_of, dtype=like.dtype)
-    places = context.first_px.tolist()
-    alike = len({(x % 2, y % 2) for x, y in places}) == 1
-    cells = (cell.roll((-y, -x), (0, 1)) for x, y in places[: 1 if alike else None])
-    planes = [
-        cell.repeat(height // 2 + 1, width // 2 + 1)[:height, :width] for cell in cells
-    ]
-    laid = torch.stack(planes).unsqueeze(1).to(like.device)
-    return laid.expand(len(like), 1, height, width)
+    cells = [cell.roll((-y, -x), (0, 1)) for x, y in context.first_px.tolist()]
+    repeats = height // 2 + 1, width // 2 + 1
+    planes = torch.stack(cells).repeat(1, *repeats)[:, None, :height, :width]
+    return planes.to(like.device)
 
 
 class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
