@@ -10,7 +10,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from modulefinder import ModuleFinder
 from pathlib import Path
@@ -192,6 +192,29 @@ def one_line(error: BaseException) -> str:
         "KeyError: 'a'"
     """
     return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+@contextmanager
+def blamed(name: str) -> Iterator[None]:
+    """Name a part whose code fails, in one line; the package's own refusals pass.
+
+    Raises:
+        VoccError: the code failed.
+
+    Example:
+        >>> with blamed("feature half"):
+        ...     1 / 0
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: feature half failed (ZeroDivisionError: division by zero)
+    """
+    try:
+        yield
+    except VoccError:
+        raise
+    # Code that would end the program is no exception.
+    except (Exception, SystemExit) as error:
+        raise VoccError(f"{name} failed ({one_line(error)})") from error
 
 
 @dataclass(frozen=True)

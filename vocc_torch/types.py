@@ -221,6 +221,29 @@ def holds(facts: Tensor) -> bool:
     return is_exporting() or bool(facts.all())
 
 
+def finite_tensor(said: str, value: object, size: tuple[int, ...]) -> Tensor:
+    """Give a finite tensor of a size, or refuse anything else in a line that begins with ``said``.
+
+    Raises:
+        VoccError: anything else.
+
+    Example:
+        >>> finite_tensor("it gave", torch.ones(2), (3,))
+        Traceback (most recent call last):
+        ...
+        vocc_torch.errors.VoccError: it gave (2,): it must be a finite tensor of (3,)
+    """
+    if (
+        not isinstance(value, Tensor)
+        or value.shape != size
+        or not holds(value.isfinite())
+    ):
+        raise VoccError(
+            f"{said} {kind_of(value)}: it must be a finite tensor of {size}"
+        )
+    return value
+
+
 def are_finite(values: Tensor) -> bool:
     """Whether all of some values are finite; what :func:`is_traced` is taken to be.
 

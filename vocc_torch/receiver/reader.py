@@ -14,7 +14,7 @@ from vocc_torch.errors import (
     demand_word,
     whole_number,
 )
-from vocc_torch.plugins import PlugIn, one_line
+from vocc_torch.plugins import PlugIn, blamed
 from vocc_torch.receiver.features import (
     FEATURE_NAMES,
     Gradient,
@@ -23,13 +23,12 @@ from vocc_torch.receiver.features import (
     rectified_means,
 )
 from vocc_torch.receiver.pixel_cells import read_pixels
-from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify_takes
+from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify
 from vocc_torch.types import (
     Frames,
     Panels,
     PanelShape,
-    holds,
-    kind_of,
+    finite_tensor,
     without_autocast,
 )
 
@@ -134,11 +133,11 @@ class Reader:
         """Measure every LED of test frames, and grey levels only of further takes of the same scenes.
 
         Args:
-            takes: the test frames first, then preambles of the same size and place.
+            takes: the test frames first, then preambles.
             panels: where the panel was located in the test frames.
 
         Raises:
-            VoccError: takes that do not fit each other or the panels, corners that are not finite, or at a
+            VoccError: takes that do not fit the panels, corners that are not finite, or at a
                 panel in floating frames what is no grey value, NaN or negative.
         """
         first, *rectified = self.rectify(takes, panels)
@@ -160,9 +159,10 @@ class Reader:
             demand_kind("frames", take, Frames)
         demand_kind("panels", panels, Panels)
         with without_autocast(takes[0].grey.device):
-            patches = rectify_takes(
-                takes, panels, self.shape, self.samples_per_led, dtype
-            )
+            patches = [
+                rectify(take, panels, self.shape, self.samples_per_led, dtype)
+                for take in takes
+            ]
         for take, patch in zip(takes, patches, strict=True):
             # Bytes cannot be anything else than grey values.
             if take.grey.is_floating_point():
@@ -230,17 +230,7 @@ class Reader:
         size = (patches.shape[0], self.shape.rows, self.shape.columns)
         if not wanted:
             return patches.new_zeros(*size, 1, dtype=torch.float64)
-        try:
+        with blamed(f"feature {feature.name}"):
             values = feature.made(patches, self.shape)
-        except (Exception, SystemExit) as error:
-            raise VoccError(
-                f"feature {feature.name} failed ({one_line(error)})"
-            ) from error
-        if (
-            not isinstance(values, Tensor)
-            or values.shape != size
-            or not holds(values.isfinite())
-        ):
-            said = f"feature {feature.name} gave {kind_of(values)}"
-            raise VoccError(f"{said}: it must give finite numbers of shape {size}")
-        return values.double().unsqueeze(-1)
+        said = f"feature {feature.name} gave"
+        return finite_tensor(said, values, size).double().unsqueeze(-1)

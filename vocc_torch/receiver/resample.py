@@ -4,12 +4,10 @@ The projective maps between cells and pixels are those of Heckbert (1989).
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -21,7 +19,6 @@ from vocc_torch.types import (
     PanelShape,
     holds,
     is_exporting,
-    is_traced,
 )
 
 
@@ -118,39 +115,29 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
         raise VoccError(
             f"corners_px reaches {most:g} px: corners must be finite and within {SETTINGS.most_px:g} px"
         )
-    if is_traced(corners) or corners.requires_grad or not corners.is_cpu:
-        homography: Tensor = _homography(corners, shape)
-        return homography
-    # Of few corners, by NumPy: its calls take a fifth of the time of torch's.
-    return torch.from_numpy(_homography(corners.numpy(), shape, np))
+    return _homography(corners, shape)
 
 
-def _homography(corners: Any, shape: PanelShape, library: Any = torch) -> Any:
-    """Map cells to pixels as :func:`cell_homography` does, without a look at the corners.
-
-    Args:
-        corners: (B,4,2) float64, a tensor or an array.
-        shape: rows and columns.
-        library: ``torch`` or ``numpy``, for their sort of corners.
-    """
-    side = library.roll(corners, -1, 1) - corners
+def _homography(corners: Tensor, shape: PanelShape) -> Tensor:
+    """Map cells to pixels as :func:`cell_homography` does, without a look at the corners (B,4,2) float64."""
+    side = corners.roll(-1, 1) - corners
     skew = corners[:, 2:3] - side[:, :1] - corners[:, 3:]
     # How each side turns to the next; what is askew to the third side; and the second side to what is askew.
-    before = library.concatenate([side, skew, -side[:, 1:2]], 1)
-    after = library.concatenate([side[:, 1:], side[:, :1], side[:, 2:3], skew], 1)
+    before = torch.cat([side, skew, -side[:, 1:2]], 1)
+    after = torch.cat([side[:, 1:], side[:, :1], side[:, 2:3], skew], 1)
     turn = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
-    longest = library.amax((side * side).sum(2), 1)
+    longest = (side * side).sum(2).amax(1)
     least = SETTINGS.flat_px2 + SETTINGS.flat_share * longest
     turns = turn[:, :4]
-    convex = (library.amin(turns, 1) > least) | (library.amax(turns, 1) < -least)
-    gh = turn[:, 4:] / library.where(convex, -turn[:, 1], 1.0)[:, None]
-    ends = library.concatenate([corners, library.ones_like(corners[..., :1])], 2)
+    convex = (turns.amin(1) > least) | (turns.amax(1) < -least)
+    gh = turn[:, 4:] / torch.where(convex, -turn[:, 1], 1.0)[:, None]
+    ends = torch.cat([corners, torch.ones_like(corners[..., :1])], 2)
     first, second, fourth = ends[:, 0], ends[:, 1], ends[:, 3]
     to_x = (second - first + gh[:, :1] * second) * (1 / shape.columns)
     to_y = (fourth - first + gh[:, 1:] * fourth) * (1 / shape.rows)
     # With zero added, no zero is negative.
     columns = [to_x * convex[:, None] + 0.0, to_y * convex[:, None] + 0.0, first]
-    return library.stack(columns, 2)
+    return torch.stack(columns, 2)
 
 
 def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
@@ -389,40 +376,6 @@ def rectify(
     order = torch.cat([rows for rows, _ in patches]).argsort()
     together = torch.cat([patch for _, patch in patches])
     return together[order.to(grey.device, non_blocking=True)]
-
-
-def rectify_takes(
-    takes: Sequence[Frames],
-    panels: Panels,
-    shape: PanelShape,
-    samples_per_led: int,
-    dtype: torch.dtype | None = None,
-) -> list[Tensor]:
-    """Resample several takes of the same scenes at the same corners, as :func:`rectify` does.
-
-    Args:
-        takes: frames or crops of one size, such as test frames and their preambles; at least one.
-        panels: see :func:`rectify`.
-        shape: rows and columns.
-        samples_per_led: K, at least 1.
-        dtype: see :func:`rectify`.
-
-    Raises:
-        VoccError: takes of different sizes, and what :func:`rectify` refuses.
-
-    Example:
-        >>> frames = Frames.whole(torch.arange(16.0).view(1, 1, 1, 16).expand(1, 1, 16, 16))
-        >>> panels = Panels.known(torch.tensor([[[4.0, 4.0], [12.0, 4.0], [12.0, 12.0], [4.0, 12.0]]]))
-        >>> len(rectify_takes([frames, frames], panels, PanelShape(4, 4), 2))
-        2
-    """
-    shapes = [tuple(take.grey.shape) for take in takes]
-    # Sizes of a graph have no hash.
-    if any(size != shapes[0] for size in shapes):
-        raise VoccError(
-            f"takes have shapes {', '.join(map(str, shapes))}: they must be of one shape"
-        )
-    return [rectify(take, panels, shape, samples_per_led, dtype) for take in takes]
 
 
 def _rectified_in_graph(

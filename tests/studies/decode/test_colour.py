@@ -12,7 +12,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import receiver_for
 from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.locators import DetectorLocator
-from vocc_torch.receiver.resample import rectify_takes
+from vocc_torch.receiver.resample import rectify
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import read_recording
 from vocc_torch.studies.decode.colour import FIXED, fisher_mix, unmixed
@@ -88,10 +88,7 @@ def test_the_mix_is_the_discriminant_of_scikit_learn(margin):
     ]
     panels = Panels.known(corners(27.0, 22.0, 123.0, 118.0))
     cells = torch.stack(
-        [
-            cell_means(one, SHAPE).double()
-            for one in rectify_takes(takes, panels, SHAPE, 8)
-        ],
+        [cell_means(rectify(take, panels, SHAPE, 8), SHAPE).double() for take in takes],
         dim=-1,
     )
     weights, offset = fisher_mix(cells, torch.from_numpy(bits)[None], margin)

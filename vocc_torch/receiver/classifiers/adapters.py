@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.plugins import one_line
+from vocc_torch.plugins import blamed
 from vocc_torch.receiver.classifiers.protocol import Batches, fitted, joined
 from vocc_torch.receiver.classifiers.training import (
     Checkpoint,
@@ -25,7 +25,7 @@ class TorchClassifier:
 
     The module gets (N,F) float32 and gives (N,) or (N,1), trained with the logistic loss, so that a score is
     the logarithm of the odds of On. Everything random comes from the recipe's seed; torch's own generator is
-    left as it was. On CUDA the module trains under automatic mixed precision; scores are always float32.
+    left as it was.
     Where the recipe names a folder of checkpoints, an interrupted training goes on from its last pass and
     ends with the very weights of one that nobody disturbed; ``earlier_s`` says how long it had taken.
 
@@ -143,14 +143,8 @@ class TorchClassifier:
 
     def _score(self, rows: Tensor) -> Tensor:
         """Return the module's score of each row, (N,), or refuse another number of them."""
-        try:
+        with blamed(f"forward on {tuple(rows.shape)}"):
             scores = self.module(rows)
-        except VoccError:
-            raise
-        except Exception as error:
-            raise VoccError(
-                f"forward failed on {tuple(rows.shape)} ({one_line(error)})"
-            ) from error
         if not isinstance(scores, Tensor) or scores.numel() != rows.shape[0]:
             raise VoccError(
                 f"the module gave {kind_of(scores)} for {len(rows)} LEDs: it must give one score each"

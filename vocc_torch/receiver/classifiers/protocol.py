@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
-from vocc_torch.plugins import PlugIn, one_line
+from vocc_torch.plugins import PlugIn, blamed
 from vocc_torch.receiver.classifiers.inputs import Inputs
 from vocc_torch.receiver.reader import Readings
 from vocc_torch.types import holds, kind_of
@@ -211,14 +211,10 @@ class Guarded:
     def _guarded(self, what: str, call: Callable[[], R]) -> R:
         """Call the classifier; its errors become one line that begins with its name."""
         try:
-            return call()
+            with blamed(what):
+                return call()
         except VoccError as error:
             raise VoccError(f"classifier {self.name}: {error}") from error
-        # One that would end the program is no exception.
-        except (Exception, SystemExit) as error:
-            raise VoccError(
-                f"classifier {self.name}: {what} failed ({one_line(error)})"
-            ) from error
 
 
 def fitted(learned: R | None) -> R:

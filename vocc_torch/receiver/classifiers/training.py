@@ -194,12 +194,10 @@ def train_module(
     schedule = torch.optim.lr_scheduler.LambdaLR(
         optimizer, lambda step: 0.5 * (1 + math.cos(math.pi * min(1.0, step / steps)))
     )
-    scaler = torch.amp.GradScaler("cuda", enabled=on_cuda)
     parts: dict[str, Any] = {
         "module": module,
         "optimizer": optimizer,
         "schedule": schedule,
-        "scaler": scaler,
     }
     best, since, begun = copy.deepcopy(module.state_dict()), 0, time.perf_counter()
     losses: list[float] = []
@@ -219,15 +217,12 @@ def train_module(
         for chosen in torch.split(
             torch.randperm(len(rows)).to(rows.device), recipe.batch_leds
         ):
-            with torch.autocast("cuda", enabled=on_cuda):
-                scores = score(rows[chosen])
             loss = nn.functional.binary_cross_entropy_with_logits(
-                scores.float(), target[chosen]
+                score(rows[chosen]), target[chosen]
             )
             optimizer.zero_grad()
-            torch.autograd.backward(scaler.scale(loss))
-            scaler.step(optimizer)
-            scaler.update()
+            torch.autograd.backward(loss)
+            optimizer.step()
             schedule.step()
         module.eval()
         pairs = zip(

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, shown
-from vocc_torch.plugins import PlugIn, one_line
+from vocc_torch.plugins import PlugIn, blamed
 from vocc_torch.receiver.locators.protocol import PanelLocator
 from vocc_torch.types import (
     Candidates,
@@ -17,8 +17,8 @@ from vocc_torch.types import (
     Images,
     Panels,
     PanelShape,
+    finite_tensor,
     holds,
-    kind_of,
 )
 
 UNSTATED_LIMIT = 1e-3
@@ -146,12 +146,8 @@ class OutsideLocator(PanelLocator):
             VoccError: it fails, or answers anything else.
         """
         name = f"locator {self.plug_in.name}"
-        try:
+        with blamed(name):
             answer = call(frames, shape)
-        except VoccError:
-            raise
-        except (Exception, SystemExit) as error:
-            raise VoccError(f"{name} failed ({one_line(error)})") from error
         demand_kind(f"{name}: its answer", answer, kind)
         return answer
 
@@ -164,15 +160,8 @@ class OutsideLocator(PanelLocator):
         """
         said, parts = f"locator {self.plug_in.name} gave", {}
         for part in filter(answer.__dataclass_fields__.__contains__, KINDS):
-            value = getattr(answer, part)
             size = (count, 4, 2) if part == "corners_px" else (count,)
-            if (
-                not isinstance(value, Tensor)
-                or value.shape != size
-                or not holds(value.isfinite())
-            ):
-                rule = f"it must be a finite tensor of {size}"
-                raise VoccError(f"{said} {part} of {kind_of(value)}: {rule}")
+            value = finite_tensor(f"{said} {part} of", getattr(answer, part), size)
             parts[part] = value.to(KINDS[part])
         x, y = parts["corners_px"].unbind(2)
         doubled = (x * y.roll(-1, 1) - x.roll(-1, 1) * y).sum(dim=1)

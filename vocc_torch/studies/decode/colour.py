@@ -11,7 +11,7 @@ from vocc_torch.receiver.discriminant import ClassScatter, Discriminant
 from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.levels import GAMMA, LIGHT_OF_GREY
 from vocc_torch.receiver.receiver import Decoded, Receiver
-from vocc_torch.receiver.resample import cell_size_px, rectify_takes
+from vocc_torch.receiver.resample import cell_size_px, rectify
 from vocc_torch.recordings.frames import to_grey
 from vocc_torch.studies.decode import CHANNELS
 from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
@@ -157,7 +157,7 @@ def _cells(receiver: Receiver, colours: NDArray[Any], panels: Panels) -> torch.T
     """Average the cells (n,R+2,C+2,3) of the panels found in colours (N,H,W,3)."""
     planes = torch.from_numpy(colours).permute(3, 0, 1, 2).to(receiver.device)
     takes = [Frames.whole(plane.contiguous()) for plane in planes]
-    patches = rectify_takes(takes, panels, receiver.shape, 8)
+    patches = [rectify(take, panels, receiver.shape, 8) for take in takes]
     means = [cell_means(one, receiver.shape).double() for one in patches]
     return torch.stack(means, dim=-1)[panels.found]
 
