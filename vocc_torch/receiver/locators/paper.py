@@ -28,7 +28,7 @@ class LadderSettings:
     reach_pitches: float = 1.4  # LED pitches that span one Off LED between two On ones
     last_pitches: float = 3.0  # LED pitches that fill all but the widest gaps
     window_px: int = 192  # side up to which masks are tried many at once
-    pass_masks: int = 1 << 6  # masks at once, for bounded memory
+    pass_masks: int = 1 << 5  # masks of like size at once: less is padded
     pass_masks_elsewhere: int = 1 << 12  # the same on an accelerator
 
 
