@@ -110,27 +110,20 @@ class Run:
     def count(
         self, cases: Sequence[Case], name: str = "bit errors"
     ) -> list[runner.Outcome]:
-        """Count the errors of each case until its budget is spent; equal ones are counted once.
+        """Count the errors of each case until its budget is spent; equal ones take what the store has.
 
         Args:
             cases: whose trainings are there.
             name: of the stage.
         """
         jobs = list(map(self.job, cases))
-        by_frames = sorted(jobs, key=lambda job: job.plan.budget.frames)
-        longest = {job.name: job for job in by_frames}
-        frames = sum(job.plan.frames_in_point for job in longest.values())
+        frames = sum(job.plan.frames_in_point for job in jobs)
         with self.stage(name, frames) as advance:
-            counted = sweep.outcomes(
-                [*longest.values()],
-                self.pool,
-                self.store,
-                lambda _, done, __: advance(done),
+            return list(
+                sweep.outcomes(
+                    jobs, self.pool, self.store, lambda _, done, __: advance(done)
+                )
             )
-            outcomes = dict(zip(longest, counted, strict=True))
-        return [
-            first_frames(outcomes[job.name], job.plan.frames_in_point) for job in jobs
-        ]
 
     def job(self, case: Case) -> runner.Job:
         """Give what counts a case; of each locator the trainings are numbered, and repeated ones go on."""
@@ -146,16 +139,6 @@ class Run:
         digest = hashlib.sha256(text.encode()).hexdigest()
         job = sweep.job_of(plan, banks, case.value)
         return replace(job, name=f"{job.point} {digest}")
-
-
-def first_frames(outcome: runner.Outcome, frames: int) -> runner.Outcome:
-    """Give what the first frames of a point gave."""
-    if frames >= len(outcome.errors.groups):
-        return outcome
-    errors = outcome.errors.of(frames=slice(frames))
-    rows = zip(errors.keys, errors.counts, strict=True)
-    counts = {(key, 0): counts for key, counts in rows}
-    return runner.Outcome(errors, counts, outcome.stopped_by)
 
 
 def scene_plan(settings: Settings) -> tuple[Plan, dict[str, str]]:
