@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vocc_torch.arrays import Bools, Integers
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.paired import PairedCounts
@@ -54,11 +54,11 @@ class FrameErrors:
 
     def __init__(
         self,
-        half_errors: NDArray[np.int64],
-        found: NDArray[np.bool_],
+        half_errors: Integers,
+        found: Bools,
         leds: int,
-        groups: NDArray[np.int64] | None = None,
-        misplaced: NDArray[np.bool_] | None = None,
+        groups: Integers | None = None,
+        misplaced: Bools | None = None,
         keys: Sequence[Key] = (),
     ) -> None:
         frames = half_errors.shape[1]
@@ -128,7 +128,7 @@ class FrameErrors:
     def of(
         self,
         receivers: slice | Sequence[int] = slice(None),
-        frames: slice | NDArray[np.bool_] = slice(None),
+        frames: slice | Bools = slice(None),
     ) -> Self:
         """Give the same of some receivers, by their places, and of some frames, by place or where True."""
         rows = np.arange(len(self.half_errors))[receivers]
@@ -190,7 +190,7 @@ class FrameErrors:
         }
 
 
-def _sums(errors: NDArray[np.int64]) -> NDArray[np.int64]:
+def _sums(errors: Integers) -> Integers:
     """Give the sum, the sum of squares and the number above 0 of each row, (L,3)."""
     squared = np.einsum("ln,ln->l", errors, errors)
     return np.stack(

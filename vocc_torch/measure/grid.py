@@ -5,15 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vocc_torch.arrays import Bools, Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import estimate, intervals
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 class Grid:

@@ -7,8 +7,8 @@ from typing import Any, Self, TypeAlias
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from vocc_torch.arrays import Floats
 from vocc_torch.measure import estimate, link, plan, timing
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
@@ -46,7 +46,7 @@ class StageTimes:
         """Median of a stage with its quartiles, ms."""
         return timing.median_of(self.rounds_ms[name])
 
-    def summed(self, stages: Sequence[str]) -> NDArray[np.float64]:
+    def summed(self, stages: Sequence[str]) -> Floats:
         """Add stages round by round, ms."""
         return np.asarray(np.sum([self.rounds_ms[stage] for stage in stages], axis=0))
 

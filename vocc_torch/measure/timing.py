@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from vocc_torch.arrays import Floats
 from vocc_torch.measure.estimate import Estimate
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of malloc.h
@@ -24,7 +24,7 @@ _CPU_FILE = Path("/proc/cpuinfo")
 """Where Linux names the processor; platform.processor() is empty there."""
 
 
-def median_of(values: Sequence[float] | NDArray[np.float64]) -> Estimate:
+def median_of(values: Sequence[float] | Floats) -> Estimate:
     """Give the median with the lower and the upper quartile as its ends, between two values where need be.
 
     Example:

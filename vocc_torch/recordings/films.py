@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from vocc_torch.arrays import Bytes
 from vocc_torch.errors import VoccError, library, printable
-from vocc_torch.recordings.frames import Bytes, FilmGrey, Grey, RecordedFrame, to_grey
+from vocc_torch.recordings.frames import FilmGrey, Grey, RecordedFrame, to_grey
 
 FULL_RANGE = 2
 """FFmpeg's number for films whose greys use 0 to 255 (AVCOL_RANGE_JPEG)."""

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
-Bytes = NDArray[np.uint8]
+from vocc_torch.arrays import Bytes, Numbers
 
 STUDIO_BLACK = 16
 """Grey value of black in most films (ITU-R BT.601)."""
@@ -92,7 +91,7 @@ def to_grey(colour: Bytes, channel: str) -> Bytes:
     return np.ascontiguousarray(colour[..., ("red", "green", "blue").index(channel)])
 
 
-def to_bytes(values: NDArray[Any]) -> tuple[Bytes, str]:
+def to_bytes(values: Numbers) -> tuple[Bytes, str]:
     """Scale grey values of any depth to 8 bits by the smallest usual white level that holds them.
 
     Args:

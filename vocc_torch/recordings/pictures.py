@@ -6,16 +6,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from vocc_torch.arrays import read_npy
+from vocc_torch.arrays import Bytes, Numbers, read_npy
 from vocc_torch.errors import VoccError, library, printable
 from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
-from vocc_torch.recordings.frames import Bytes, RecordedFrame, to_bytes, to_grey
+from vocc_torch.recordings.frames import RecordedFrame, to_bytes, to_grey
 
 HEIF_SUFFIXES = (".heic", ".heif", ".hif")
 SIDECAR_SUFFIXES = (".csv", ".json", ".md", ".txt", ".xml", ".yaml", ".yml")
@@ -187,7 +185,7 @@ def grey_as_colour(grey: Bytes) -> Bytes:
     return np.broadcast_to(grey[..., None], (*grey.shape, 3))
 
 
-def read_array(values: NDArray[Any], channel: str) -> Iterator[RecordedFrame]:
+def read_array(values: Numbers, channel: str) -> Iterator[RecordedFrame]:
     """Read an array in memory as frames.
 
     Args:

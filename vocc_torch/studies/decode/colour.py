@@ -1,12 +1,12 @@
 """``decode.channel=auto``: find the mix that parts On from Off; ``unmix``: the colours sent at once."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from vocc_torch.arrays import Bytes, Numbers
 from vocc_torch.receiver.discriminant import ClassScatter, Discriminant
 from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.levels import GAMMA, LIGHT_OF_GREY
@@ -47,7 +47,7 @@ class Mix(NamedTuple):
     offset: float = 0.0
     linear: bool = False
 
-    def __call__(self, colour: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def __call__(self, colour: Bytes) -> Bytes:
         """Turn (H,W,3) uint8 into (H,W) uint8; what is beyond 0 to 255 is clipped."""
         if not self.weights:
             return to_grey(colour, self.name)
@@ -80,9 +80,7 @@ FIXED = (
 """What is tried before any panel is known."""
 
 
-def channel_of(
-    receiver: Receiver, colours: Sequence[NDArray[np.uint8]]
-) -> tuple[Mix, float, int]:
+def channel_of(receiver: Receiver, colours: Sequence[Bytes]) -> tuple[Mix, float, int]:
     """Find the plane in which a receiver parts On from Off best, how far, and in how many frames surely.
 
     Every plane of :data:`FIXED` is located and decoded. At the panels of the best one, mixes by
@@ -136,16 +134,12 @@ def _best(judged: Mapping[Mix, _Judged], shape: PanelShape) -> Mix:
     return best
 
 
-def _plane(
-    receiver: Receiver, mix: Mix, colours: Sequence[NDArray[np.uint8]]
-) -> torch.Tensor:
+def _plane(receiver: Receiver, mix: Mix, colours: Sequence[Bytes]) -> torch.Tensor:
     """Mix the grey planes of colours of one size, where the receiver is."""
     return torch.from_numpy(np.stack([mix(one) for one in colours])).to(receiver.device)
 
 
-def _judged(
-    receiver: Receiver, mix: Mix, colours: Sequence[NDArray[np.uint8]]
-) -> _Judged:
+def _judged(receiver: Receiver, mix: Mix, colours: Sequence[Bytes]) -> _Judged:
     """Decode a mix of colours of one size."""
     read = receiver.decode(_plane(receiver, mix, colours))
     apart = torch.where(read.found, parted(read.scores, read.bits), 0.0)
@@ -153,7 +147,7 @@ def _judged(
     return _Judged(sure, float(apart.mean()), read)
 
 
-def _cells(receiver: Receiver, colours: NDArray[Any], panels: Panels) -> torch.Tensor:
+def _cells(receiver: Receiver, colours: Numbers, panels: Panels) -> torch.Tensor:
     """Average the cells (n,R+2,C+2,3) of the panels found in colours (N,H,W,3)."""
     planes = torch.from_numpy(colours).permute(3, 0, 1, 2).to(receiver.device)
     takes = [Frames.whole(plane.contiguous()) for plane in planes]
@@ -195,7 +189,7 @@ def fisher_mix(
 
 
 def unmixed(
-    receiver: Receiver, colours: Sequence[NDArray[np.uint8]]
+    receiver: Receiver, colours: Sequence[Bytes]
 ) -> tuple[Mix, tuple[Mix, ...]]:
     """Find what part of each channel's light is of which colour of LEDs, where three send bits of their own.
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from vocc_torch.arrays import Bools, Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.calibration import APPEARANCE, harder
 from vocc_torch.receiver.locators import LOCATORS, PanelLocator
@@ -69,8 +69,8 @@ class Reading:
 
     frame: RecordedFrame
     found: bool
-    corners_px: NDArray[np.float64]
-    bits: NDArray[np.bool_]
+    corners_px: Floats
+    bits: Bools
     unlike: Mapping[str, float]
     margin: float
     panel_score: float

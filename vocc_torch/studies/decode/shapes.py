@@ -4,9 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from vocc_torch.arrays import Bytes
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.shipped import shipped_receiver
 from vocc_torch.types import PanelShape
@@ -67,7 +65,7 @@ class ShapeChoice(NamedTuple):
 
 def find_shape(
     model: str,
-    greys: Sequence[NDArray[np.uint8]],
+    greys: Sequence[Bytes],
     rows: int | str,
     columns: int | str,
 ) -> ShapeChoice:
@@ -103,7 +101,7 @@ def find_shape(
 
 def likeliest(
     model: str,
-    grey: NDArray[np.uint8],
+    grey: Bytes,
     shapes: Sequence[PanelShape],
 ) -> ShapeChoice:
     """Compare shapes on one frame by the false alarms that the locator states."""
@@ -113,7 +111,7 @@ def likeliest(
 
 
 def alarms_of(
-    model: str, grey: NDArray[np.uint8], shapes: Sequence[PanelShape]
+    model: str, grey: Bytes, shapes: Sequence[PanelShape]
 ) -> Iterator[tuple[float, int]]:
     """Give the false alarms of each shape and its place in the list; 1 where nothing is like a panel."""
     for place, shape in enumerate(shapes):

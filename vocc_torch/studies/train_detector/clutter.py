@@ -5,12 +5,12 @@ import math
 from importlib import resources
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from vocc_torch.arrays import Bytes, Floats, Singles
 from vocc_torch.simulation.sketch import words_of
 
-Plane = NDArray[np.float32]
+Plane = Singles
 Generator = np.random.Generator
 
 PHOTOGRAPHS = (
@@ -39,7 +39,7 @@ PHOTOGRAPHS = (
 """Training photographs. ``coffee``, ``china`` and ``horse`` are left to the validation."""
 
 
-def mosaics(seed: int, size: tuple[int, int, int]) -> NDArray[np.uint8]:
+def mosaics(seed: int, size: tuple[int, int, int]) -> Bytes:
     """Put frames (N,H,W) of a size together from photographs, at several sizes, and drawings."""
     count, high, wide = size
     side = 272
@@ -107,7 +107,7 @@ def drawing(draw: Generator, size: tuple[int, int]) -> Plane:
 
 
 def _lattice(
-    pen: ImageDraw.ImageDraw, draw: Generator, start: NDArray[np.float64], shade: int
+    pen: ImageDraw.ImageDraw, draw: Generator, start: Floats, shade: int
 ) -> None:
     """Draw a grating or a lattice of equal cells, some of them left out by a rule or at random."""
     step = math.exp(draw.uniform(math.log(2), math.log(24)))

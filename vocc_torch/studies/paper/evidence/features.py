@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from scipy.optimize import linprog
 
-from vocc_torch.measure.grid import Bools, Floats
+from vocc_torch.arrays import Bools, Floats
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.report import led_plots, plots
 from vocc_torch.studies.paper.evidence import PaperFigure

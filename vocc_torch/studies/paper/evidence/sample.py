@@ -7,8 +7,8 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from vocc_torch.arrays import Bools, Floats
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.grid import Bools, Floats
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.features import FEATURE_NAMES, preamble_threshold
