@@ -3,7 +3,7 @@
 import numpy as np
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import Curves
+from vocc_torch.measure.curve import Curves, Point
 from vocc_torch.measure.grid import Grid
 
 AMBIENT = tuple(1000.0 * 2**i for i in range(6))
@@ -36,23 +36,13 @@ def grid_of(cells, ambient=AMBIENT, luminance=LUMINANCE):
     """A grid from rows of counts by receiver."""
     rows = []
     for i in range(len(ambient)):
-        counts = {
-            (receiver, value): cell
+        place = "dimming", "led_luminance_cd_m2"
+        points = [
+            Point(*place, value, receiver, "truth", table[i][j], "frames")
+            for j, value in enumerate(luminance)
             for receiver, table in cells.items()
-            for value, cell in zip(luminance, table[i], strict=True)
-        }
-        stopped = dict.fromkeys(luminance, "frames")
-        curves = Curves(
-            "dimming",
-            "led_luminance_cd_m2",
-            "truth",
-            tuple(cells),
-            luminance,
-            counts,
-            {},
-            stopped,
-        )
-        rows.append(curves)
+        ]
+        rows.append(Curves(points, {}))
     return Grid("ambient_lx", ambient, tuple(rows))
 
 

@@ -285,11 +285,11 @@ class Table:
     @property
     def rows(self) -> tuple[curve.Row, ...]:
         """A row for each receiver and value: bit errors, bit error rate and its 95 % interval."""
-        return self.curves.table().rows
+        return self.curves.rows
 
     def plot(self, path: str | Path | None = None) -> "Figure":
         """Draw the curves; ``path`` also saves them as ``.png``, ``.pdf`` or ``.svg``."""
-        figure = plots.ber_figure(self.curves.table(), "Bit error rate")
+        figure = plots.ber_figure(self.curves, "Bit error rate")
         if path is not None:
             _demand_path(path)
             plots.save_figure(figure, path)
@@ -298,14 +298,14 @@ class Table:
     def to_csv(self, path: str | Path) -> None:
         """Write the rows, in the columns of ``ber.csv``."""
         _demand_path(path)
-        folder.write_rows(path, rate_tables.ber_rows(self.curves.table()))
+        folder.write_rows(path, rate_tables.ber_rows(self.curves))
 
     def __str__(self) -> str:
         """Write the table as text."""
         console = terminal.Console(
             width=110, file=io.StringIO(), force_jupyter=False, force_terminal=False
         )
-        terminal.print_table(self.curves.table(), console)
+        terminal.print_table(self.curves, console)
         return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]  # the StringIO above
 
 

@@ -64,7 +64,7 @@ def results(sweeps, workers, progress=lambda *_: None, store=None):
         found[job.plan.experiment.name][value] = outcome
     plans = {job.plan.experiment.name: job.plan for job in jobs}
     return {
-        name: {of: curves_at(plan, of, found[name]) for of in LOCATORS}
+        name: {of: vars(curves_at(plan, of, found[name])) for of in LOCATORS}
         for name, plan in plans.items()
     }
 
@@ -134,8 +134,11 @@ def test_two_processes_measure_what_one_measures(sweeps, story):
             lambda job, frames, _: told.append((job.point, frames)),
         )
     assert story.results == alone
-    assert set(alone["stopping"]["truth"].stopped_by.values()) == {"frame_errors"}
-    assert set(alone["spending"]["paper"].stopped_by.values()) == {"frames"}
+    for name, locator, why in (
+        ("stopping", "truth", "frame_errors"),
+        ("spending", "paper", "frames"),
+    ):
+        assert {row.stopped_by for row in alone[name][locator]["rows"]} == {why}
     # Blocks come in their order within a point, whatever happens between the points.
     for _, job in sweeps:
         mine = [frames for point, frames in story.told if point == job.point]

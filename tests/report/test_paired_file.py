@@ -6,7 +6,7 @@ from itertools import combinations
 import pytest
 
 from vocc_torch.measure.counts import Counts
-from vocc_torch.measure.curve import Curves
+from vocc_torch.measure.curve import Curves, Point
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.report.rate_tables import PAIRED_COLUMNS as COLUMNS
 from vocc_torch.report.rate_tables import write_paired
@@ -20,13 +20,13 @@ A_BARELY_WORSE = PairedCounts(2000, 128_000, 10, 20, 5, 8, 16, 4)
 def made_up(pairs, names=NAMES, experiment="sun", locator="truth"):
     """Curves with these comparisons; counts say nothing here."""
     values = tuple(sorted({value for *_, value in pairs}))
-    counts = {
-        (name, value): Counts(2000, 128_000) for name in names for value in values
-    }
-    stopped = dict.fromkeys(values, "frames")
-    return Curves(
-        experiment, "ambient_lx", locator, names, values, counts, pairs, stopped
-    )
+    place, counts = (experiment, "ambient_lx"), Counts(2000, 128_000)
+    points = [
+        Point(*place, value, name, locator, counts, "frames")
+        for value in values
+        for name in names
+    ]
+    return Curves(points, pairs)
 
 
 @pytest.fixture

@@ -2,8 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import TypeAlias
 
 from vocc_torch.errors import VoccError
@@ -131,7 +131,7 @@ class Row(PointKey):
         return self.algorithm or Estimate(self.ber, self.ber_low, self.ber_high)
 
 
-COLUMNS = tuple(field.name for field in fields(Row))
+COLUMNS = tuple(column.name for column in fields(Row))
 """Columns of ``ber.csv``."""
 
 
@@ -282,63 +282,41 @@ Pairs: TypeAlias = Mapping[tuple[str, str, float], PairedCounts]
 """Comparisons by the two receivers and the value."""
 
 
-@dataclass(frozen=True)
-class Curves:
-    """Every receiver along one axis, with the panel's corners from one locator.
+class Curves(BerTable):
+    """Every receiver along one axis, with what every two of them differ in.
 
     Args:
-        experiment: name of the experiment.
-        axis: quantity that varies, with its unit, such as ``distance_m``.
-        locator: where the panel's corners came from.
-        receivers: names, in the order of the results.
-        values: values of the axis that hold frames, ascending.
+        points: measured points, by value and then by receiver.
+        paired: comparisons by (a, b, value), where a stands before b among the receivers.
+        trained_pairs: comparisons of all trainings together, where there are several.
+
+    Attributes:
         counts: errors by (receiver, value).
-        paired: comparisons by (a, b, value), where a stands before b in ``receivers``.
-        stopped_by: why each value got no more frames.
         trained: errors of all trainings by (receiver, value), where there are several.
-        trained_pairs: comparisons of all trainings together by (a, b, value), likewise.
 
     Example:
-        >>> counts = {("flda_2", 50.0): Counts(64, 4096, 4, 8, 2), ("flda_3", 50.0): Counts(64, 4096)}
+        >>> place, counts = ("d", "distance_m", 50.0), Counts(64, 4096, 4, 8, 2)
+        >>> one = Point(*place, "flda_2", "truth", counts, "frames")
+        >>> other = Point(*place, "flda_3", "truth", Counts(64, 4096), "frames")
         >>> paired = {("flda_2", "flda_3", 50.0): PairedCounts(64, 4096, 4, 8, 2)}
-        >>> receivers = ("flda_2", "flda_3")
-        >>> curves = Curves("d", "distance_m", "truth", receivers, (50.0,), counts, paired, {50.0: "frames"})
-        >>> len(curves.table()), curves.pair("flda_3", "flda_2", 50.0).half_difference
+        >>> curves = Curves([one, other], paired)
+        >>> len(curves), curves.pair("flda_3", "flda_2", 50.0).half_difference
         (2, -4)
     """
 
-    experiment: str
-    axis: str
-    locator: str
-    receivers: tuple[str, ...]
-    values: tuple[float, ...]
-    counts: Mapping[tuple[str, float], Counts]
-    paired: Pairs
-    stopped_by: Mapping[float, str]
-    trained: Mapping[tuple[str, float], Trained] = field(default_factory=dict)
-    trained_pairs: Pairs = field(default_factory=dict)
+    def __init__(
+        self, points: Sequence[Point], paired: Pairs, trained_pairs: Pairs | None = None
+    ) -> None:
+        super().__init__(points)
+        self.paired, self.trained_pairs = paired, trained_pairs or paired
+        by_place = {(point.receiver, point.value): point for point in points}
+        self.counts = {at: point.counts for at, point in by_place.items()}
+        self.trained = {at: p.trained for at, p in by_place.items() if p.trained}
 
-    def points(self) -> list[Point]:
-        """Give the points by value, then by receiver."""
-        place = self.experiment, self.axis
-        return [
-            Point(
-                *place,
-                value,
-                receiver,
-                self.locator,
-                counts,
-                self.stopped_by[value],
-                self.trained.get(at),
-            )
-            for value in self.values
-            for receiver in self.receivers
-            if (counts := self.counts.get(at := (receiver, value))) is not None
-        ]
-
-    def table(self) -> BerTable:
-        """Give the points with their intervals."""
-        return BerTable(self.points())
+    @property
+    def locator(self) -> str:
+        """Where the panel's corners came from."""
+        return ", ".join(self.locators)
 
     def total(self, receiver: str) -> Counts:
         """Give one receiver's counts over all values."""
@@ -364,7 +342,7 @@ class Curves:
 
     def tested_pair(self, a: str, b: str, value: float) -> PairedCounts:
         """Compare receiver a with receiver b over all their trainings."""
-        return _of_either(self.trained_pairs or self.paired, a, b, value)
+        return _of_either(self.trained_pairs, a, b, value)
 
     def difference(
         self, a: str, b: str, value: float, confidence: float = CONFIDENCE

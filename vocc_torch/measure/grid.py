@@ -32,9 +32,11 @@ class Grid:
         VoccError: curves that do not have the same values.
 
     Example:
-        >>> counts = {("flda_3", 500): Counts(64, 4096, 4, 8, 2), ("flda_3", 2000): Counts(64, 4096)}
-        >>> axis, stopped = "led_luminance_cd_m2", {500: "frames", 2000: "frames"}
-        >>> curves = Curves("dimming", axis, "truth", ("flda_3",), (500, 2000), counts, {}, stopped)
+        >>> from vocc_torch.measure.curve import Point
+        >>> counts = {500: Counts(64, 4096, 4, 8, 2), 2000: Counts(64, 4096)}
+        >>> place = "dimming", "led_luminance_cd_m2"
+        >>> points = [Point(*place, at, "flda_3", "truth", counts[at], "frames") for at in counts]
+        >>> curves = Curves(points, {})
         >>> grid = Grid("ambient_lx", (4000.0,), (curves,))
         >>> grid.ber("flda_3").tolist()
         [[0.00048828125, 0.0]]
@@ -174,10 +176,11 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
         One ``Best`` for each ambient light, ascending.
 
     Example:
-        >>> counts = {("flda_3", 500): Counts(64, 4096, 400, 8000, 60), ("flda_3", 2000): Counts(64, 4096)}
-        >>> axis, stopped = "led_luminance_cd_m2", {500: "frames", 2000: "frames"}
-        >>> curves = Curves("dimming", axis, "truth", ("flda_3",), (500, 2000), counts, {}, stopped)
-        >>> [best] = best_luminance(Grid("ambient_lx", (4000.0,), (curves,)), "flda_3")
+        >>> from vocc_torch.measure.curve import Point
+        >>> counts = {500: Counts(64, 4096, 400, 8000, 60), 2000: Counts(64, 4096)}
+        >>> place = "dimming", "led_luminance_cd_m2"
+        >>> points = [Point(*place, at, "flda_3", "truth", counts[at], "frames") for at in counts]
+        >>> [best] = best_luminance(Grid("ambient_lx", (4000.0,), (Curves(points, {}),)), "flda_3")
         >>> best.least_cd_m2, best.candidates_cd_m2, best.reaches_highest
         ((2000.0,), (2000.0,), True)
     """

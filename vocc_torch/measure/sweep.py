@@ -7,7 +7,6 @@ from functools import partial
 from typing import Literal, TypeAlias
 
 from vocc_torch.measure import curve, runner
-from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.paired import PairedCounts
@@ -168,11 +167,8 @@ def curves_of(
         # One outcome holds the groups of all values.
         values, (binned,) = axis_values(experiment), outcomes.values()
         outcomes = {values[group]: part for group, part in binned.by_group()}
-    names = tuple(receivers)
-    counts: dict[tuple[str, float], Counts] = {}
-    pairs: Pairs = {}
-    trained: dict[tuple[str, float], Trained] = {}
-    trained_pairs: Pairs = {}
+    names, points = tuple(receivers), list[curve.Point]()
+    pairs, trained_pairs = Pairs(), Pairs()
 
     def named(errors: FrameErrors, at: float) -> Pairs:
         places = errors.pairs.items()
@@ -183,33 +179,20 @@ def curves_of(
         for number in range(1 + max(key.training for key in errors.keys)):
             keys = [replace(key, training=number) for key in receivers.values()]
             trainings.append(errors.of([errors.place(key) for key in keys]))
-        counts |= {
-            (name, at): outcome.counts[key, 0] for name, key in receivers.items()
-        }
         if outcome.comparable:
             pairs |= named(trainings[0], at)
+        trained = dict[str, Trained]()
         if len(trainings) > 1:
             pooled = FrameErrors.pooled(trainings)
             of_each = zip(*(errors.counts for errors in trainings), strict=True)
             several = map(Trained, of_each, pooled.counts)
-            trained |= {
-                (name, at): found for name, found in zip(names, several, strict=True)
-            }
+            trained |= zip(names, several, strict=True)
             trained_pairs |= named(pooled, at)
-    stopped = {at: outcome.stopped_by for at, outcome in outcomes.items()}
-    locators = dict.fromkeys(key.locator for key in receivers.values())
-    return curve.Curves(
-        experiment.name,
-        experiment.axis,
-        ", ".join(locators),
-        names,
-        tuple(outcomes),
-        counts,
-        pairs,
-        stopped,
-        trained,
-        trained_pairs,
-    )
+        for name, key in receivers.items():
+            place = experiment.name, experiment.axis, at, name, key.locator
+            of = outcome.counts[key, 0], outcome.stopped_by, trained.get(name)
+            points.append(curve.Point(*place, *of))
+    return curve.Curves(points, pairs, trained_pairs)
 
 
 def axis_values(experiment: Experiment) -> tuple[float, ...]:

@@ -196,7 +196,7 @@ def write_grid(path: Path, grid: Grid) -> None:
     points: list[Cells] = [(grid.row_axis, *curve.COLUMNS)]
     ends = {name: grid.intervals(name) for name in grid.receivers}
     for i, (at, curves) in enumerate(zip(grid.rows, grid.curves, strict=True)):
-        for row in curves.table():
+        for row in curves:
             j = grid.columns.index(row.value)
             low, high = (float(side[i, j]) for side in ends[row.receiver])
             points.append((at, *astuple(replace(row, ber_low=low, ber_high=high))))

@@ -94,7 +94,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     for measured in curves:
         if is_grid:
             run_folder.say(console, f"\n{measured.experiment}")
-        terminal.print_table(measured.table(), console)
+        terminal.print_table(measured, console)
         notes = (
             *left_out(plan, measured),
             *location_note(measured),
@@ -236,11 +236,10 @@ def write_results(
         rate_tables.write_grid(folder / "ber.csv", cells)
         figures = {f"dimming_{cells.locator}": heatmap.dimming_figure(cells, names)}
         tables = {
-            f"{axis}={at:g}": [row.table()]
-            for at, row in zip(cells.rows, curves, strict=True)
+            f"{axis}={at:g}": [row] for at, row in zip(cells.rows, curves, strict=True)
         }
     else:
-        table = curves[0].table()
+        (table,) = curves
         run_folder.write_rows(folder / "ber.csv", rate_tables.ber_rows(table))
         tables, figures = {"": [table]}, curve_figures(plan, training, table)
         if settings.tensorboard:
@@ -270,8 +269,8 @@ def curve_figures(
 
 def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
     """Say which frames and contrast bins are not in the results."""
-    table, lines = curves.table(), []
-    rows, drawn = table.of(table.receivers[0]), plan.frames_in_point
+    lines = []
+    rows, drawn = curves.of(curves.receivers[0]), plan.frames_in_point
     counted, all_spent = (
         sum(row.frames for row in rows),
         all(row.stopped_by == "frames" for row in rows),
@@ -282,7 +281,7 @@ def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
     if empty := [
         f"{value:g}"
         for value in sweep.axis_values(plan.experiment)
-        if value not in table.values
+        if value not in curves.values
     ]:
         lines.append(
             f"no frame fell into the bins about {', '.join(empty)}: they are not in the results"
@@ -375,7 +374,7 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
         reference: a receiver; nothing is said if it is not in the experiment, or alone.
 
     Example:
-        >>> compared(curve.Curves("d", "distance_m", "truth", ("flda_3",), (), {}, {}, {}), "flda_3")
+        >>> compared(curve.Curves([], {}), "flda_3")
         []
     """
     lines = []

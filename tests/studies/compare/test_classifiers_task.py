@@ -83,10 +83,9 @@ def made_up():
         )
         scenes += scene_rows(found, tested_on, [PAIRS[row][0] for row in rows])
     every = {"distance": curves()}
-    tables = {name: found.table() for name, found in every.items()}
     config = RivalsConfig(reference="flda_3", points={"distance": 70.0})
     training = Training(costs=COSTS)
-    return tables, classifier_rows(config, every, tables, training), scenes
+    return every, classifier_rows(config, every, training), scenes
 
 
 def test_the_tables_state_what_was_counted(made_up):

@@ -91,7 +91,7 @@ def test_the_frontier_is_what_nothing_beats(prices):
         made = measured(names, [wrong for _, wrong in pairs])
         points = [
             OperatingPoint(setting, 1, Estimate(ms, ms, ms), row.rate)
-            for setting, row, (ms, _) in zip(settings, made.table(), pairs, strict=True)
+            for setting, row, (ms, _) in zip(settings, made, pairs, strict=True)
         ]
         for point, (ms, wrong) in zip(ranked(points, made), pairs, strict=True):
             beaten = any(
@@ -116,9 +116,7 @@ def test_points_have_the_counts_interval_and_the_best_batch(prices):
 def test_several_trainings_give_the_algorithms_rate(prices):
     names = prices.errors.receivers
     several = measured(names, BIT_ERRORS, (100, 500, 200, 400, 40, 0))
-    rate, single = (
-        table.of(names[1])[0].rate for table in (several.table(), prices.errors.table())
-    )
+    rate, single = (table.of(names[1])[0].rate for table in (several, prices.errors))
     assert rate.value == pytest.approx(400 / FRAMES / LEDS)
     assert rate.high > single.high
     apart = several.difference(*names[:2], 50.0)

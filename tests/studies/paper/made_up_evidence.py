@@ -3,7 +3,7 @@
 import numpy as np
 from made_up_tallies import tallies
 
-from vocc_torch.measure.curve import Curves
+from vocc_torch.measure.curve import Curves, Point
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.studies.paper.rules import Evidence
 
@@ -35,20 +35,18 @@ def counted(wrong):
 
 def curves_of(experiment, wrong):
     """Curves from each receiver's wrong bits a frame, ``{value: {receiver: (N,)}}``."""
-    receivers, counts, paired = tuple(next(iter(wrong.values()))), {}, {}
+    receivers, points, paired = tuple(next(iter(wrong.values()))), [], {}
+    axis = AXES.get(experiment, experiment)
     for value, at in wrong.items():
         found, pairs = counted([at[name] for name in receivers])
-        counts |= {
-            (name, value): one for name, one in zip(receivers, found, strict=True)
-        }
+        points += [
+            Point(experiment, axis, value, name, "paper", one, "frames")
+            for name, one in zip(receivers, found, strict=True)
+        ]
         paired |= {
             (receivers[i], receivers[j], value): one for (i, j), one in pairs.items()
         }
-    stopped = dict.fromkeys(wrong, "frames")
-    axis = AXES.get(experiment, experiment)
-    return Curves(
-        experiment, axis, "paper", receivers, tuple(wrong), counts, paired, stopped
-    )
+    return Curves(points, paired)
 
 
 def of_rates(experiment="ambient", frames=2000, numbers=None, **rates):

@@ -1,6 +1,6 @@
 """``task=classifiers``: many receivers on the same frames, with what they cost, and across scenes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import astuple, replace
 from pathlib import Path
 
@@ -48,12 +48,11 @@ def run_classifiers(settings: Settings, rivals: RivalsConfig, folder: Path) -> N
         lost, scenes = across_scenes(study, run)
     training = run.training(first)
     write_training(settings, first, training, folder)
-    tables = {name: found.table() for name, found in curves.items()}
-    write_points(folder, curves, tables)
-    rows = classifier_rows(rivals, curves, tables, training)
-    print_classifiers(rivals, tables, rows, {**study.left_out, **lost})
+    write_points(folder, curves.values())
+    rows = classifier_rows(rivals, curves, training)
+    print_classifiers(rivals, curves, rows, {**study.left_out, **lost})
     drawn = {}
-    for name, table in tables.items():
+    for name, table in curves.items():
         place = f"{name}_{rivals.points[name]:g}" if name in rivals.points else ""
         drawn[name] = figures.curves_figure(table, rows, rivals.reference, place)
     if scenes:
@@ -64,7 +63,7 @@ def run_classifiers(settings: Settings, rivals: RivalsConfig, folder: Path) -> N
         folder,
         {"classifiers": rows, "robustness": scenes},
         drawn,
-        tables={"": list(tables.values())},
+        tables={"": list(curves.values())},
         numbers={str(row["receiver"]): numbers_of(row) for row in rows},
     )
 
@@ -142,20 +141,17 @@ def scene_rows(
         }
 
 
-def write_points(
-    folder: Path, curves: Mapping[str, Curves], tables: Mapping[str, BerTable]
-) -> None:
+def write_points(folder: Path, curves: Collection[Curves]) -> None:
     """Write ``ber.csv`` and ``paired.csv`` of all experiments."""
     head, *_ = rate_tables.ber_rows(BerTable())
-    rows = [row for table in tables.values() for row in rate_tables.ber_rows(table)[1:]]
+    rows = [row for table in curves for row in rate_tables.ber_rows(table)[1:]]
     run_folder.write_rows(folder / "ber.csv", [head, *rows], short=True)
-    rate_tables.write_paired(folder / "paired.csv", curves.values())
+    rate_tables.write_paired(folder / "paired.csv", curves)
 
 
 def classifier_rows(
     config: RivalsConfig,
     curves: Mapping[str, Curves],
-    tables: Mapping[str, BerTable],
     training: Training,
 ) -> list[Row]:
     """Give the rows of ``classifiers.csv``: what each receiver costs, and its rates, the best first.
@@ -175,7 +171,7 @@ def classifier_rows(
         row: Row = {"receiver": receiver, **dict(costs)}
         for experiment, value in config.points.items():
             found, place = curves[experiment], f"{experiment}_{value:g}"
-            points = [point for point in tables[experiment] if point.value == value]
+            points = [point for point in found if point.value == value]
             rates = {point.receiver: point.rate for point in points}
             row[f"{place}_ber"] = rates[receiver]
             row[f"{place}_ratio"] = ratio_to(reference, receiver, found, rates, value)
@@ -206,7 +202,7 @@ def ratio_to(
 
 def print_classifiers(
     config: RivalsConfig,
-    tables: Mapping[str, BerTable],
+    tables: Mapping[str, Curves],
     rows: Sequence[Row],
     left_out: Mapping[str, str],
 ) -> None:

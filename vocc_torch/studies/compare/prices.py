@@ -159,7 +159,7 @@ class PriceList:
 
     def points(self, *batches: int) -> list[OperatingPoint]:
         """Give every receiver's operating point with the quickest of some batches; of all by default."""
-        rates = {row.receiver: row.rate for row in self.errors.table()}
+        rates = {row.receiver: row.rate for row in self.errors}
         points = []
         for key in self.study.keys:
             totals = {

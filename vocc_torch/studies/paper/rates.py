@@ -82,7 +82,7 @@ class Comparison:
 
 def measured_rate(curves: curve.Curves, receiver: str, value: float) -> Estimate:
     """A bit error rate with its interval; without errors the high end is the one-sided limit."""
-    rows = curves.table().of(receiver)
+    rows = curves.of(receiver)
     return next(row.rate for row in rows if row.value == value)
 
 

@@ -43,7 +43,7 @@ class Report:
     def add_rates(self, experiment: str, name: str) -> None:
         """Draw a figure of bit error rates under the first reading and under all, and write its points."""
         tables = {
-            reading: found.experiments[experiment].table()
+            reading: found.experiments[experiment]
             for reading, found in self.evidence.items()
         }
         stars = scorecard.stars(experiment)
@@ -116,7 +116,7 @@ class Report:
             for drawn in self.drawn.values()
             for stem, figure in drawn.items()
         }
-        tables = {first: [paper_rows(one.table()) for one in curves]}
+        tables = {first: list(map(paper_rows, curves))}
         tensorboard.write_figures(settings, self.folder, pictures, tables)
         size = f"claims: {len(card.judged())}, readings: {len(card.readings)}"
         title = f"Do and Yoo (2019), {', '.join(self.plan.names)}; {size}"
