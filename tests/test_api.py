@@ -87,6 +87,15 @@ def test_measure_counts_what_the_command_line_counts(app, tmp_path):
     assert "95 %" in str(table)
 
 
+def test_measure_sorts_frames_by_contrast_into_bins():
+    """The bins share the frames of one run; a frame outside of them is not counted."""
+    receiver = vt.train("paper", frames=64)
+    table = vt.measure(receiver, "paper", "contrast", [0.0, 0.2, 0.5], frames=64)
+    assert [row.value for row in table.rows] == [0.1, 0.35]
+    assert all(0 < row.frames < 128 for row in table.rows)
+    assert sum(row.frames for row in table.rows) <= 128
+
+
 def test_scenes_are_loaded_from_many_threads_and_hydra_is_left_alone():
     words = (
         "+scene.effects.pose={yaw_deg:[uniform,-5,5]}",

@@ -1,7 +1,7 @@
 """The tasks: what runs each, and the keys that its configuration has."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any
 
@@ -10,38 +10,32 @@ import yaml
 from vocc_torch.errors import demand_word
 
 
-@dataclass(frozen=True)
+@dataclass
 class Task:
     """What the command line knows of a task.
 
     Args:
         run: its function, below ``vocc_torch``.
-        keys: keys and sections of its configuration, such as ``receiver -names``.
+        keys: keys and sections of its configuration in nested lists, such as ``receiver -names``.
         part: the section that is its own, or None.
-        brought: keys that a model file sets in their stead.
+        brought: keys that a model file sets in their stead, likewise.
         resumed: what a folder holds in which it can go on, as a pattern; empty for nothing.
     """
 
     run: str
-    keys: tuple[str, ...]
+    keys: list[Any]
     part: str | None = None
-    brought: tuple[str, ...] = ()
+    brought: list[Any] = field(default_factory=list)
     resumed: str = ""
 
-    @classmethod
-    def of(
-        cls,
-        run: str,
-        keys: Any,
-        part: str | None = None,
-        brought: Any = (),
-        resumed: str = "",
-    ) -> "Task":
-        """Read a task as ``tasks.yaml`` has it."""
-        entries = ["task", "name", *flat(keys)]
-        if part is not None and not covers(entries, part):
-            entries.append(part)
-        return cls(run, tuple(entries), part, tuple(flat(brought)), resumed)
+    def __post_init__(self) -> None:
+        """Lay nested lists out, and add what every task has."""
+        self.keys, self.brought = (
+            ["task", "name", *flat(self.keys)],
+            [*flat(self.brought)],
+        )
+        if self.part is not None and not covers(self.keys, self.part):
+            self.keys.append(self.part)
 
 
 def flat(entries: Iterable[Any]) -> Iterator[str]:
@@ -72,7 +66,7 @@ def covers(entries: Iterable[str], key: str) -> bool:
 
 
 TASKS = {
-    name: Task.of(**about)
+    name: Task(**about)
     for name, about in yaml.safe_load(
         resources.files(__package__).joinpath("tasks.yaml").read_text("utf-8")
     )["tasks"].items()

@@ -340,7 +340,7 @@ class ClassifierSettings:
 
 @dataclass
 class ExecutorSettings:
-    """Where frames are counted; see :class:`vocc_torch.measure.workers.Workers`.
+    """Where frames are counted; see :class:`vocc_torch.measure.executors.Workers`.
 
     Args:
         kind: where frames are counted: ``here`` (this process), ``processes`` (of this machine), ``ray`` or

@@ -13,7 +13,6 @@ from typing import Any
 import torch
 
 from vocc_torch.boundary import demand_fields
-from vocc_torch.errors import VoccError
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.plan import ClassifierPlan, Plan, resolve_device
 from vocc_torch.measure.store import Store, canonical
@@ -26,20 +25,11 @@ from vocc_torch.measure.train import (
 )
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.flda import FLDA
-from vocc_torch.receiver.model_file import MOST_BYTES, array_of, arrays_as_json
+from vocc_torch.receiver.model_file import MOST_BYTES, UNFIT, array_of, arrays_as_json
 
 _PLACE = (0, 0)
 """Block and frames of a row that is no block."""
 _NUMBERS = ("frames", "missed", "seconds")
-_NOT_KEPT = (
-    VoccError,
-    LookupError,
-    TypeError,
-    ValueError,
-    RuntimeError,
-    AttributeError,
-)
-"""What a classifier raises that cannot say what it learned, or cannot take it up."""
 
 
 def find(store: Store, key: str, plan: Plan) -> Training | None:
@@ -51,7 +41,7 @@ def find(store: Store, key: str, plan: Plan) -> Training | None:
         plan: what they are trained for.
     """
     content = store.find(key, *_PLACE)
-    with suppress(*_NOT_KEPT):
+    with suppress(*UNFIT):
         return None if content is None else _unpacked(json.loads(content), plan)
     return None
 
@@ -63,7 +53,7 @@ def keep(store: Store, key: str, plan: Plan, training: Training) -> None:
         VoccError: the ledger cannot be written.
     """
     content = ""
-    with suppress(*_NOT_KEPT):
+    with suppress(*UNFIT):
         packed = _packed(training)
         if _alike(training, _unpacked(packed, plan), plan):
             content = canonical(packed)
