@@ -363,7 +363,6 @@ def measure(
     axes = Experiment(experiment, axis, tuple(map(float, values)))
     reader = next(iter(named.values())).reader
     plan = Plan(world, ReceiverPlan(reader=reader), axes, Budget(frames), seed)
-    simulated = sweep.monte_carlo_values(plan)
     with ExitStack() as held:
         opened = None
         if store is not None:
@@ -373,15 +372,15 @@ def measure(
             runner.Job(
                 plan,
                 axes.model_at(world, value),
-                sweep.point_name(axes, value),
+                axes.point_name(value),
                 Whole(named),
             )
-            for value in simulated
+            for value in axes.simulated_values
         ]
         counted = sweep.outcomes(
             jobs, Workers(1), opened, lambda _, more, __: progress(more)
         )
-        outcomes = dict(zip(simulated, counted, strict=True))
+        outcomes = dict(zip(axes.simulated_values, counted, strict=True))
     keys = {name: Key(OWN, name) for name in named}
     return Table(sweep.curves_of(axes, keys, outcomes))
 

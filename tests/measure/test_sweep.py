@@ -7,7 +7,6 @@ import pytest
 import torch
 from one_point import banks, job_of, sweep_point
 
-from vocc_torch.measure import sweep
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.runner import Part
@@ -170,7 +169,7 @@ def contrast_plan(make_plan, edges=(0.0, 0.12, 0.24, 0.36, 0.54), **options):
 def test_bins_hold_the_frames_of_their_contrast(make_plan, trained):
     """Sorted once more, in plain Python."""
     plan = contrast_plan(make_plan, frames=30, names=("flda_3",))
-    assert (plan.frames_in_point, sweep.monte_carlo_values(plan)) == (120, (0.0,))
+    assert (plan.frames_in_point, plan.experiment.simulated_values) == (120, (0.0,))
     points = {p.value: p.counts.frames for p in sweep_point(plan, trained, 0.0)}
     model = plan.experiment.model_at(plan.world, 0.0)
     drawn = [

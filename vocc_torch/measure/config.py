@@ -184,6 +184,36 @@ class Experiment:
         """How many points share the frames of one run: the bins of contrast, otherwise 1."""
         return len(self.values) - 1 if self.axis == "contrast" else 1
 
+    @property
+    def simulated_values(self) -> tuple[float, ...]:
+        """The values that are simulated one by one; a single stand-in where frames are sorted afterwards."""
+        return self.values[:1] if self.axis == "contrast" else self.values
+
+    @property
+    def result_values(self) -> tuple[float, ...]:
+        """The values of the results: those of the axis, or the middles of the contrast bins.
+
+        Example:
+            >>> Experiment("c", "contrast", (0.0, 0.06, 0.12)).result_values
+            (0.03, 0.09)
+        """
+        ends = pairwise(self.values)
+        middles = tuple(round((low + high) / 2, 12) for low, high in ends)
+        return middles if self.axis == "contrast" else self.values
+
+    def point_name(self, value: float) -> str:
+        """Name a point; the name keys its random draws.
+
+        Example:
+            >>> Experiment("near", "distance_m", (5.0,)).point_name(5.0)
+            'near/distance_m=5'
+        """
+        if self.axis == "contrast":
+            return self.name
+        # Six digits may stand for two values, which would then share their draws.
+        digits = f"{value:g}" if float(f"{value:g}") == value else repr(value)
+        return f"{self.name}/{self.axis}={digits}"
+
     def model_at(self, world: "World", value: float) -> "SceneModel":
         """The scenes of one point of the axis."""
         from vocc_torch.simulation.scene import narrowed

@@ -78,6 +78,10 @@ class Deciders(Protocol):
         """Give for each key the bits, (B,R,C) bool, and the observation that they were decided on."""
 
 
+NumberedBank: TypeAlias = tuple[str, ReceiverBank, int]
+"""Receivers, the locator that they are trained with, and the number of their training."""
+
+
 @dataclass(frozen=True, eq=False)
 class Banks:
     """Receivers of one or more banks, bank after bank.
@@ -87,7 +91,7 @@ class Banks:
             from those of another bank: the number of its training.
     """
 
-    banks: Sequence[tuple[str, ReceiverBank, int]]
+    banks: Sequence[NumberedBank]
 
     def __call__(
         self, views: Mapping[str, Observation], /

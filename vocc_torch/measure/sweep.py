@@ -1,6 +1,5 @@
-"""Points along the axes of experiments: their names, scenes, jobs and results."""
+"""Points along the axes of experiments: their scenes, jobs and results."""
 
-import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -13,11 +12,7 @@ from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.trainings import Trained
-from vocc_torch.receiver.bank import ReceiverBank
 from vocc_torch.simulation import SceneModel
-
-NumberedBank: TypeAlias = tuple[Locator, ReceiverBank, int]
-"""Receivers, the locator that they are trained with, and the number of their training."""
 
 Progress = Callable[[runner.Job, int, runner.Tallies], object]
 """Called for each block as it is added: its job, its frames, and the sums so far."""
@@ -27,7 +22,7 @@ Prepare = Callable[[runner.Job, Workers], runner.Job]
 
 
 def job_of(
-    plan: Plan, banks: Sequence[NumberedBank], value: float | None = None
+    plan: Plan, banks: Sequence[runner.NumberedBank], value: float | None = None
 ) -> runner.Job:
     """Give what counts a point: every receiver after each training, on the same frames.
 
@@ -39,7 +34,7 @@ def job_of(
     experiment = plan.experiment
     point, model = experiment.name, experiment.training_model(plan.world)
     if value is not None:
-        point = point_name(experiment, value)
+        point = experiment.point_name(value)
         model = experiment.model_at(plan.world, value)
     return runner.Job(plan, model, point, runner.Banks(banks))
 
@@ -80,20 +75,6 @@ def outcomes(
     return runner.count(points, workers, batch_frames)
 
 
-def point_name(experiment: Experiment, value: float) -> str:
-    """Name a point; the name keys its random draws.
-
-    Example:
-        >>> point_name(Experiment("near", "distance_m", (5.0,)), 5.0)
-        'near/distance_m=5'
-    """
-    if experiment.axis == "contrast":
-        return experiment.name
-    # Six digits may stand for two values, which would then share their draws.
-    digits = f"{value:g}" if float(f"{value:g}") == value else repr(value)
-    return f"{experiment.name}/{experiment.axis}={digits}"
-
-
 Pairs: TypeAlias = dict[tuple[str, str, float], PairedCounts]
 """Comparisons by the two receivers and the value."""
 
@@ -115,10 +96,10 @@ def scenes_of(plan: Plan, kind: Kind) -> dict[str, SceneModel]:
     points = (
         (row.experiment, value)
         for row in plan.rows().values()
-        for value in monte_carlo_values(row)
+        for value in row.experiment.simulated_values
     )
     return {
-        point_name(point, value): point.model_at(plan.world, value)
+        point.point_name(value): point.model_at(plan.world, value)
         for point, value in points
     }
 
@@ -127,11 +108,12 @@ def points_of(
     plan: Plan, value: float, tallies: runner.Tallies, stopped_by: str
 ) -> list[curve.Point]:
     """Name the first training's sums by receiver and by axis value, or by the middle of their contrast bin."""
-    values, experiment = axis_values(plan.experiment), plan.experiment
+    experiment = plan.experiment
     found = []
     for (key, group), counts in tallies.items():
         if key.training == 0:
-            at = values[group] if experiment.axis == "contrast" else value
+            binned = experiment.axis == "contrast"
+            at = experiment.result_values[group] if binned else value
             place = experiment.name, experiment.axis, at, key.receiver, key.locator
             found.append(curve.Point(*place, counts, stopped_by))
     return found
@@ -165,7 +147,7 @@ def curves_of(
     """
     if experiment.axis == "contrast":
         # One outcome holds the groups of all values.
-        values, (binned,) = axis_values(experiment), outcomes.values()
+        values, (binned,) = experiment.result_values, outcomes.values()
         outcomes = {values[group]: part for group, part in binned.by_group()}
     names, points = tuple(receivers), list[curve.Point]()
     pairs, trained_pairs = Pairs(), Pairs()
@@ -193,26 +175,3 @@ def curves_of(
             of = outcome.counts[key, 0], outcome.stopped_by, trained.get(name)
             points.append(curve.Point(*place, *of))
     return curve.Curves(points, pairs, trained_pairs)
-
-
-def axis_values(experiment: Experiment) -> tuple[float, ...]:
-    """The values of the results: those of the axis, or the middles of the contrast bins.
-
-    Example:
-        >>> axis_values(Experiment("c", "contrast", (0.0, 0.06, 0.12)))
-        (0.03, 0.09)
-    """
-    middles = tuple(
-        round((low + high) / 2, 12)
-        for low, high in itertools.pairwise(experiment.values)
-    )
-    return middles if experiment.axis == "contrast" else experiment.values
-
-
-def monte_carlo_values(plan: Plan) -> tuple[float, ...]:
-    """The axis values that are simulated one by one; a single stand-in where frames are sorted afterwards."""
-    return (
-        (plan.experiment.values[0],)
-        if plan.experiment.axis == "contrast"
-        else plan.experiment.values
-    )

@@ -127,7 +127,7 @@ def watched_curve(
     """
     found = dict[float, runner.Outcome]()
     with view, interrupted_keeps(table, view):
-        for at in sweep.monte_carlo_values(plan):
+        for at in plan.experiment.simulated_values:
             done = found[at] = next(outcomes)
             view.finish(sweep.points_of(plan, at, done.counts, done.stopped_by))
     curves = sweep.curves_at(plan, plan.receiver.locator, found)
@@ -144,7 +144,7 @@ def demand_steps(experiment: config.Experiment) -> None:
         VoccError: with what to give instead.
     """
     try:
-        tensorboard.axis_steps(experiment.axis, sweep.axis_values(experiment))
+        tensorboard.axis_steps(experiment.axis, experiment.result_values)
     except VoccError as error:
         hint = "give values further apart, or tensorboard=false"
         raise VoccError(f"experiment.values: {error}; {hint}") from None
@@ -152,8 +152,8 @@ def demand_steps(experiment: config.Experiment) -> None:
 
 def view_of(plan: Plan, console: terminal.Console) -> terminal.StudyView:
     """Give the view of a running curve."""
-    experiment, runs = plan.experiment, len(sweep.monte_carlo_values(plan))
-    values, names = sweep.axis_values(experiment), plan.receiver.names
+    experiment, runs = plan.experiment, len(plan.experiment.simulated_values)
+    values, names = experiment.result_values, plan.receiver.names
     return terminal.StudyView(
         experiment.axis, values, names, plan.frames_in_point, console, runs
     )
@@ -192,7 +192,7 @@ def strangers(plan: Plan) -> list[str]:
     trained, lines = plan.experiment.training_model(plan.world), []
     tested = [
         plan.experiment.model_at(plan.world, value)
-        for value in sweep.monte_carlo_values(plan)
+        for value in plan.experiment.simulated_values
     ]
     for name in SCENE_FIELDS:
         lows, highs = zip(
@@ -280,7 +280,7 @@ def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
         lines.append(f"{outside} have a contrast outside the bins and are not counted")
     if empty := [
         f"{value:g}"
-        for value in sweep.axis_values(plan.experiment)
+        for value in plan.experiment.result_values
         if value not in curves.values
     ]:
         lines.append(
@@ -337,9 +337,9 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, plots.Pixels]:
     plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=most)
     link, pictures = Link.of(plan), {}
     receiver = receiver.to(link.simulator.device)
-    for value in sweep.monte_carlo_values(plan):
+    for value in plan.experiment.simulated_values:
         name, model = (
-            sweep.point_name(plan.experiment, value),
+            plan.experiment.point_name(value),
             plan.experiment.model_at(plan.world, value),
         )
         observation = next(

@@ -37,7 +37,7 @@ class Case:
 
 def cases_of(plan: Plan, trained_on: Sequence[Plan]) -> list[Case]:
     """Give a case for each value of a curve that is simulated."""
-    return [Case(plan, trained_on, at) for at in sweep.monte_carlo_values(plan)]
+    return [Case(plan, trained_on, at) for at in plan.experiment.simulated_values]
 
 
 @dataclass(eq=False)
@@ -128,7 +128,7 @@ class Run:
     def job(self, case: Case) -> runner.Job:
         """Give what counts a case; of each locator the trainings are numbered, and repeated ones go on."""
         plan, keys = case.plan, list(map(training_key, case.trained_on))
-        banks: list[sweep.NumberedBank] = []
+        banks: list[runner.NumberedBank] = []
         for source, key in zip(case.trained_on, keys, strict=True):
             locator = source.receiver.locator
             for bank in self._trainings[key].banks(plan.receiver.names):
