@@ -30,6 +30,7 @@ from vocc_torch.measure.schema import keys_of
 from vocc_torch.studies import run as study_run
 from vocc_torch.studies.compare import Severity, report
 from vocc_torch.studies.decode import decoder
+from vocc_torch.studies.decode.run import receiver_of
 from vocc_torch.studies.export.run import identity_of
 
 ROOT = Path(__file__).parents[2]
@@ -244,6 +245,8 @@ def test_every_key_is_refused_by_its_name_or_has_an_effect(task):
     source = inspect.getsource(getattr(place, run) if of_two else place)
     if task == "decode":
         source += inspect.getsource(decoder)
+    if "receiver_of(settings" in source:
+        source += inspect.getsource(receiver_of)
     if "begin(settings" in source:
         source += inspect.getsource(study_run)
     if "compare" in module:
