@@ -31,6 +31,13 @@ REFUSED = {
     "values is ": lambda: vt.measure(
         {}, "paper", "distance_m", torch.zeros(1).to_sparse()
     ),
+    "turn is -90": lambda: vt.decode(np.zeros((4, 5)), turn=-90),
+    "scene.camera.iso_limits is {'a': 1}": lambda: vt.load_scene(
+        {"camera": {"iso_limits": {"a": 1}}}
+    ),
+    "scene.distance_m is np.float32": lambda: vt.load_scene(
+        {"distance_m": np.float32(40)}
+    ),
     "overrides is (5,)": lambda: vt.load_scene("paper", 5),
     "plug_ins is 'a.py'": lambda: vt.Receiver.load("a.pt", "a.py"),
 }
@@ -67,6 +74,16 @@ def test_an_annotation_allows_its_own_alone(hint):
 def test_numbers_may_be_of_any_library():
     for values in (np.arange(2), torch.arange(2.0), [Fraction(1, 2)], range(2), ()):
         assert fits(values, Sequence[float])
+
+
+def test_what_is_usual_may_be_given_too():
+    (reading,) = vt.decode(np.zeros((40, 60)), turn=0)
+    assert not reading.found
+
+
+def test_a_name_of_draws_may_be_any_text():
+    frames = [next(vt.simulate("paper", 1, point=name)) for name in ("a\udcff", "b")]
+    assert not torch.equal(frames[0].bits, frames[1].bits)
 
 
 def test_frames_without_end_begin_at_once_and_are_those_of_a_few():

@@ -13,6 +13,7 @@ from vocc_torch.extras.calibrate.task import known_bits
 from vocc_torch.files import (
     UNFINISHED,
     atomic_file,
+    demand_folder,
     locked,
     ordinary_file,
     read_file,
@@ -74,10 +75,12 @@ def test_an_interruption_leaves_the_old_file_and_no_other(tmp_path, interruption
 def test_what_stands_in_the_place_is_refused_by_name(tmp_path):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_bytes(b"")
-    for place in ("folder", "file/inside", "zero\0"):
+    for place in ("folder", "file/inside", "zero\0", "long" * 99, f"{'long' * 99}/a"):
         with pytest.raises(VoccError, match=f"^cannot write .*{place[:4]}"):
             write_atomically(tmp_path / place, b"")
     assert names(tmp_path) == ["file", "folder"]
+    with pytest.raises(VoccError, match="is no folder"):
+        demand_folder(tmp_path / ("long" * 99) / "a")
 
 
 def killed(code):

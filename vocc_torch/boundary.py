@@ -24,7 +24,7 @@ from vocc_torch.errors import VoccError, shown, whole_number
 P = ParamSpec("P")
 R = TypeVar("R")
 
-LEAST = {"seed": 0}
+LEAST = {"seed": 0, "turn": 0}
 """The least of a whole number by its name; of any other it is 1."""
 NUMBERS = {int: Integral, float: Real}
 WORDS = {
@@ -36,6 +36,7 @@ WORDS = {
     NoneType: "None",
     Callable: "a function",
     object: "anything",
+    Any: "a number or a list",
 }
 
 

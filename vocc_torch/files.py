@@ -150,10 +150,8 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
         ...     [entry.name for entry in Path(folder).iterdir()]
         ['a.txt']
     """
-    target = Path(path)
-    if target.is_symlink():
-        target = Path(os.path.realpath(target))
-    if os.path.lexists(target) and not target.is_file():
+    target = Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)  # noqa: PTH114  # no name is too long for it
+    if os.path.lexists(target) and not os.path.isfile(target):  # noqa: PTH113
         raise VoccError(f"cannot write {path}: it must be an ordinary file")
     with _to_replace(target) as temporary:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -246,7 +244,7 @@ def demand_folder(path: str | Path) -> None:
         ...
         vocc_torch.errors.VoccError: cannot write no/such/folder/model.pt: no/such/folder is no folder
     """
-    if not Path(path).parent.is_dir():
+    if not os.path.isdir(Path(path).parent):  # noqa: PTH112
         raise VoccError(f"cannot write {path}: {Path(path).parent} is no folder")
 
 

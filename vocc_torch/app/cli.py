@@ -39,7 +39,6 @@ from vocc_torch.measure.config import as_yaml
 
 MULTIRUN = ("-m", "--multirun")
 SWEEP = "multirun.yaml"  # Hydra writes it before the first job
-COMPOSE_JOBS = Sweeper.validate_batch_is_legal
 OUT_OF_MEMORY = "not enough memory: give a smaller batch_frames, or a camera and distances that show smaller LEDs"
 
 
@@ -128,13 +127,10 @@ def validate_jobs(sweeper: Any, batch: Sequence[Sequence[str]]) -> None:
     Raises:
         VoccError: the complaint, where it is the same for every job.
     """
-    refusals = (refusal_of(sweeper, *job) for job in enumerate(batch))
-    complaint = next(refusals)
-    others = getattr(sweeper, "overrides", None) != [batch]
-    if complaint and not others and all(other == complaint for other in refusals):
+    complaints = {refusal_of(sweeper, *job) for job in enumerate(batch)}
+    if len(complaints) == 1 and all(complaints) and sweeper.overrides == [batch]:
         discard_if_empty(Path.cwd() / sweeper.config.hydra.sweep.dir)
-        raise VoccError(complaint)
-    COMPOSE_JOBS(sweeper, batch[1:])
+        raise VoccError(*complaints)
 
 
 def refusal_of(sweeper: Any, number: int, words: Sequence[str]) -> str:

@@ -14,6 +14,7 @@ from vocc_torch.app.config import AppConfig, described, used
 from vocc_torch.app.tasks import TASKS, Task, covers, task_named
 from vocc_torch.errors import VoccError, section, stdout_refusal
 from vocc_torch.measure.schema import (
+    demand_shape,
     has_key,
     keys_of,
     merge,
@@ -93,6 +94,8 @@ def hydra_words(words: Sequence[str], sweeps: bool = False) -> list[str]:
         own = chooses or key.startswith("hydra.") or override.is_delete()
         if key in GROUPS and not override.is_delete():
             demand_option(override)
+        else:
+            demand_shape(override, keys_of(AppConfig))
         taken.append(word if own else f"++{word.lstrip('+')}")
     return taken
 

@@ -125,8 +125,7 @@ def refusal(error: OmegaConfBaseException, keys: Mapping[str, Any]) -> str:
     if kind is None or isinstance(error, InterpolationResolutionError):
         return f"{key}: {' '.join(str(error.msg or error).split())}"
     value = "null" if error.value is None else shown(error.value)
-    rule = KINDS[dict] if is_dataclass(kind) else allowed(kind, KINDS)
-    return f"{key} is {value}: it must be {rule}"
+    return f"{key} is {value}: it must be {rule_of(kind)}"
 
 
 @cache
@@ -164,6 +163,7 @@ def typed(schema: type, *plain: Any, words: Sequence[str] = ()) -> Any:
     with refusals(keys_of(schema)):
         config = merge(schema, *plain)
         for word, override in zip(words, parsed(words), strict=True):
+            demand_shape(override, keys_of(schema))
             try:
                 _apply(config, override, word)
             except (ConfigKeyError, ConfigAttributeError):
@@ -187,26 +187,43 @@ def merge(schema: type, *plain: Any) -> DictConfig:
     Raises:
         VoccError: an unknown key, or a value of another type.
     """
-    for section, kind in keys_of(schema).items():
-        if get_origin(kind) is dict or is_dataclass(kind):
-            for values in plain:
-                demand_mapping(section, values)
+    for values in plain:
+        demand_shapes(values, keys_of(schema))
     with refusals(keys_of(schema)):
         config: Any = OmegaConf.merge(empty(schema), *plain)
         OmegaConf.set_struct(config, True)
         return cast(DictConfig, config)
 
 
-def demand_mapping(key: str, plain: Any) -> None:
-    """Refuse another value than a mapping for a section of plain values, if they have it."""
-    names = key.split(".")
-    for depth, name in enumerate(names, 1):
-        if not isinstance(plain, Mapping) or name not in plain:
-            return
-        plain = plain[name]
-        if not isinstance(plain, Mapping | DictConfig):
-            section = ".".join(names[:depth])
-            raise VoccError.of(section, shown(plain), KINDS[dict])
+def demand_shapes(plain: Any, keys: Mapping[str, Any], section: str = "") -> None:
+    """Refuse another value than a mapping for a section, and a mapping for a key that is none.
+
+    Args:
+        plain: the values of a section.
+        keys: with their types.
+        section: where the values are, with a point at its end.
+
+    Raises:
+        VoccError: with the key and what it must be.
+    """
+    for name, value in plain.items():
+        kind = keys.get(key := f"{section}{name}")
+        nested = get_origin(kind) is dict or is_dataclass(kind)
+        if kind is not None and isinstance(value, Mapping) != nested:
+            raise VoccError.of(key, shown(value), rule_of(kind))
+        if nested:
+            demand_shapes(value, keys, f"{key}.")
+
+
+def demand_shape(override: Override, keys: Mapping[str, Any]) -> None:
+    """Refuse a word as :func:`demand_shapes` refuses plain values."""
+    if isinstance(value := override.value(), dict | list):
+        demand_shapes({override.key_or_group: value}, keys)
+
+
+def rule_of(kind: Any) -> str:
+    """Say what a key of a type must be."""
+    return KINDS[dict] if is_dataclass(kind) else allowed(kind, KINDS)
 
 
 def parsed(words: Sequence[str]) -> list[Override]:
