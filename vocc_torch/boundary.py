@@ -114,13 +114,8 @@ def fits(value: Any, hint: Any) -> bool:
             return False
         return all(fits(item, parts[0]) for item in value)
     if kind is Mapping:
-        if not isinstance(value, Mapping):
-            return False
-        pairs = [*zip(value, value.values(), strict=True)]
-        return all(
-            fits(item, hint)
-            for pair in pairs
-            for item, hint in zip(pair, parts, strict=True)
+        return isinstance(value, Mapping) and all(
+            fits(key, parts[0]) and fits(item, parts[1]) for key, item in value.items()
         )
     return isinstance(value, NUMBERS.get(kind, kind))
 

@@ -25,7 +25,7 @@ def training_point(number: int) -> str:
 def _words(text: str) -> list[int]:
     """Hash a name to four 32-bit words that do not depend on Python's hash seed."""
     digest = hashlib.sha256(text.encode(errors="surrogatepass")).digest()
-    return [int(word) for word in np.frombuffer(digest, "<u4", 4)]
+    return list(map(int, np.frombuffer(digest, "<u4", 4)))
 
 
 @dataclass(frozen=True, slots=True)

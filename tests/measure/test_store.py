@@ -200,10 +200,13 @@ def test_what_is_no_ordinary_file_of_its_own_is_refused(path):
         ("a", Path.mkdir),
         ("b", os.mkfifo),
         ("c", lambda one: one.symlink_to("/nowhere/x")),
+        ("d-journal", os.mkfifo),
+        ("e-wal", os.mkfifo),
     ):
         make(path.with_name(name))
+        opened = path.with_name(name.partition("-")[0])
         refusal(
-            lambda name=name: Store.open(path.with_name(name), {}),
+            lambda opened=opened: Store.open(opened, {}),
             f"runs/{name}",
             "ordinary file",
         )

@@ -93,9 +93,12 @@ class Store(AbstractContextManager["Store"]):
         path, text = Path(path), canonical(settings)
         with _told(path):
             exists = path.exists()
-            if path.is_symlink() or (exists and not path.is_file()):
-                no = "is a link, a folder, a device or a pipe: it must be an ordinary file"
-                raise VoccError(f"{_shown(path)} {no}")
+            # SQLite would wait for a pipe beside the store.
+            for suffix in ("", "-journal", "-wal"):
+                part = path.with_name(path.name + suffix)
+                if part.is_symlink() or (part.exists() and not part.is_file()):
+                    no = "is a link, a folder, a device or a pipe: it must be an ordinary file"
+                    raise VoccError(f"{_shown(part)} {no}")
             if exists and 0 < path.stat().st_size < _LEAST_BYTES:
                 raise VoccError(f"{_shown(path)} {_STRANGER}")
             # SQLite would open it for reading alone.
