@@ -226,6 +226,9 @@ def test_a_file_beyond_a_size_is_not_read(tmp_path):
     (tmp_path / "small").write_bytes(b"1234")
     with pytest.raises(VoccError, match="has 4 bytes, and at most 3 are read"):
         read_file(tmp_path / "small", most_bytes=3)
+    (tmp_path / "large").rename(tmp_path / UNFINISHED)
+    with pytest.raises(VoccError, match=r"mark .* at most"), unfinished(tmp_path, "a"):
+        pass
     with (
         pytest.raises(ValueError, match="of the block"),
         ordinary_file(tmp_path / "small"),

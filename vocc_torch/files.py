@@ -15,19 +15,22 @@ from pathlib import Path
 from vocc_torch.errors import VoccError, printable
 
 PICTURE_SUFFIXES = (
-    *(
-        ".png",
-        ".jpg",
-        ".jpeg",
-        ".bmp",
-        ".tif",
-        ".tiff",
-        ".webp",
-        ".gif",
-        ".pgm",
-        ".ppm",
-    ),
-    *(".avif", ".heic", ".heif", ".hif", ".jp2", ".j2k"),
+    ".png",
+    ".jpg",
+    ".jpeg",
+    ".bmp",
+    ".tif",
+    ".tiff",
+    ".webp",
+    ".gif",
+    ".pgm",
+    ".ppm",
+    ".avif",
+    ".heic",
+    ".heif",
+    ".hif",
+    ".jp2",
+    ".j2k",
 )
 PICTURE_FORMATS = (
     "PNG",
@@ -273,7 +276,7 @@ def unfinished(folder: Path, words: str) -> Iterator[None]:
         False
     """
     mark = folder / UNFINISHED
-    begun = mark.read_text(errors="replace") if mark.is_file() else ""
+    begun = read_file(mark, "mark").decode(errors="replace") if mark.is_file() else ""
     marked, stays = (
         begun.partition("\n")[2] == words or not any(folder.iterdir()),
         False,

@@ -336,8 +336,19 @@ def run_jobs(jobs: Jobs) -> int:
 
 
 FLAGS_OF_ONE_VALUE = (
-    *("--cfg", "-c", "--package", "-p", "--config-path", "-cp", "--config-name"),
-    *("-cn", "--config-dir", "-cd", "--info", "-i", "--experimental-rerun"),
+    "--cfg",
+    "-c",
+    "--package",
+    "-p",
+    "--config-path",
+    "-cp",
+    "--config-name",
+    "-cn",
+    "--config-dir",
+    "-cd",
+    "--info",
+    "-i",
+    "--experimental-rerun",
 )
 
 
