@@ -89,6 +89,7 @@ def test_a_table_orders_values_and_keeps_the_receivers_order():
             r"^receiver flda_3 has two points at distance_m=50: ",
         ),
         ([point(value=float("nan"))], r"^distance_m is nan: "),
+        ([point(value=1e308)], r"^distance_m is 1e\+308: .* at most 1e\+100"),
     ],
 )
 def test_what_does_not_belong_in_a_table_is_refused(points, message):

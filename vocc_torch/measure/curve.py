@@ -1,17 +1,19 @@
 """Measured points of bit error rate curves, the tables they form, and what every two receivers differ in."""
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TypeAlias
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_within
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.trainings import Trained, mean_difference
+
+MOST_VALUE = 1e100
+"""Greatest size of a value: far below what overflows where axes are drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +67,7 @@ class Row(PointKey):
             are so far off, as with ``paper``, it is near 1 whatever the cause.
 
     Raises:
-        VoccError: a value that is not finite, or rates out of order.
+        VoccError: a value that no axis holds, or rates out of order.
 
     Example:
         >>> row = Row("s", "ambient_lx", 4e3, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 0.1, 0, 0, "frames")
@@ -96,8 +98,7 @@ class Row(PointKey):
 
     def __post_init__(self) -> None:
         """Refuse what cannot be placed on an axis."""
-        if not math.isfinite(self.value):
-            raise VoccError(f"{self.axis} is {self.value}: it must be finite")
+        demand_within(self.axis, self.value, -MOST_VALUE, MOST_VALUE)
         if not 0 <= self.ber_low <= self.ber <= self.ber_high <= 1:
             key, ends = (
                 f"ber of {self.receiver} at {self.axis}={self.value:g}",
