@@ -17,6 +17,7 @@ REFUSED = {
     "frames is 1.5": lambda: vt.simulate("paper", 1.5),
     "frames is True": lambda: vt.simulate("paper", True),
     "frames is 0": lambda: vt.measure({}, *PLACE, frames=0),
+    "frames is 1000000000000000000...": lambda: vt.train("paper", frames=10**400),
     "seed is 'a'": lambda: vt.simulate("paper", 1, seed="a"),
     "seed is 1.5": lambda: vt.simulate("paper", 1, 1.5),
     "seed is -1": lambda: vt.train("paper", seed=-1),

@@ -41,8 +41,6 @@ __all__ = [
     "Reading",
     "Receiver",
     "Scene",
-]
-__all__ += [
     "Simulated",
     "SimulatedFrames",
     "Simulator",
@@ -59,9 +57,8 @@ _HOMES = {
     "errors": ["VoccError"],
     "receiver.flda": ["FLDA"],
     "receiver.receiver": ["Decoded", "Receiver"],
-}
-_HOMES |= {"hardware": ["Camera", "LedPanel"], "simulation.simulator": ["Simulator"]}
-_HOMES |= {
+    "hardware": ["Camera", "LedPanel"],
+    "simulation.simulator": ["Simulator"],
     "api": [
         "Simulated",
         "SimulatedFrames",
@@ -70,13 +67,11 @@ _HOMES |= {
         "measure",
         "simulate",
         "train",
-    ]
-}
-_HOMES |= {
+    ],
     "studies.decode.decoder": ["decode"],
     "studies.decode.reading": ["Reading"],
+    "types": ["Frames", "PanelShape", "Panels", "Scene"],
 }
-_HOMES |= {"types": ["Frames", "PanelShape", "Panels", "Scene"]}
 
 
 class _Package(ModuleType):

@@ -9,6 +9,9 @@ from importlib import import_module
 from numbers import Integral, Real
 from typing import Any, Self
 
+MOST_COUNT = 1e15
+"""Most of anything that is counted; float64 holds every whole number up to it."""
+
 
 class VoccError(ValueError):
     """A mistake of the user: one line that names the key or argument, its value and what is allowed.
@@ -240,7 +243,7 @@ def demand_word(name: str, value: str, words: Iterable[str], hint: str = "") -> 
 
 
 def demand_least(section: str, owner: object, **least: int) -> None:
-    """Refuse by name the first attribute that is no whole number, or too low; None is nothing given.
+    """Refuse by name the first attribute that is no whole number, too low or endless; None is nothing given.
 
     Args:
         section: what its keys begin with, with the point.
@@ -250,6 +253,7 @@ def demand_least(section: str, owner: object, **least: int) -> None:
     for name, low in least.items():
         if (value := getattr(owner, name)) is not None:
             whole_number(f"{section}{name}", value, low)
+            demand_within(f"{section}{name}", value, low, MOST_COUNT)
 
 
 def whole_number(name: str, value: object, low: int, high: int | None = None) -> int:

@@ -151,9 +151,13 @@ def test_of_a_damaged_film_the_other_frames_are_read(frames, tmp_path):
     assert "cannot be read as a video after 7 frames" in refusal
 
 
-@pytest.mark.parametrize("content", [bytes(range(256)) * 20, b""])
+PLAYLIST = b"ffconcat version 1.0\nfile other.mkv\n"
+
+
+@pytest.mark.parametrize("content", [bytes(range(256)) * 20, b"", PLAYLIST])
 def test_files_that_are_no_films_are_refused_in_one_line(tmp_path, content):
     (tmp_path / "noise.mp4").write_bytes(content)
+    os.mkfifo(tmp_path / "other.mkv")  # which a playlist would wait for
     with pytest.raises(
         VoccError, match=r"noise\.mp4 cannot be read as a video after 0 frames"
     ) as refusal:

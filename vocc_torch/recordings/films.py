@@ -13,6 +13,11 @@ from vocc_torch.recordings.frames import FilmGrey, Grey, RecordedFrame, to_grey
 
 FULL_RANGE = 2
 """FFmpeg's number for films whose greys use 0 to 255 (AVCOL_RANGE_JPEG)."""
+FILMS = {
+    "format_whitelist": "matroska,webm,mov,mp4,m4a,3gp,3g2,mj2,avi,mpeg,mpegvideo,mpegts,mjpeg,h264,hevc,m4v,"
+    "asf,flv,ogg,ivf,mxf,image2,png_pipe,jpeg_pipe,gif"
+}
+"""What a film may be, whatever its name says: playlists would open other files and wait for pipes."""
 TURN_DEGREES = 90
 INTERLACED = "interlaced film: each of its two fields is read as a frame"
 
@@ -45,7 +50,7 @@ def read_film(
     reason = ""
     try:
         # The prefix keeps FFmpeg from reading a file's name as an address.
-        with av.open(f"file:{path.absolute()}") as container:
+        with av.open(f"file:{path.absolute()}", options=FILMS) as container:
             stream = container.streams.video[0]
             if grey_only:
                 stream.thread_type = "AUTO"
@@ -81,7 +86,7 @@ def promised_frames(path: Path) -> int:
     """Number of frames that the header of a film speaks of; 0 where it cannot be read."""
     av = av_library(str(path))
     try:
-        with av.open(f"file:{path.absolute()}") as container:
+        with av.open(f"file:{path.absolute()}", options=FILMS) as container:
             return declared_frames(container, container.streams.video[0], av.time_base)
     except (av.error.FFmpegError, IndexError, ValueError):
         return 0
