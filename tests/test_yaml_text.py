@@ -79,6 +79,7 @@ REFUSED = {
         "key distance_m is there twice (line 2)",
     ),
     "a key of a key": ("effects: {fog: {a: 1, a: 2}}", "key a is there twice"),
+    "a key that is null": ("~: 2", "a key is null, a list or a mapping (line 1)"),
     "a tag": ("a: !!python/object:os.system {}", "could not determine a constructor"),
     "a tag of numbers": ("a: !!int '1:30'", "invalid literal"),
     "a number without end": ("a: " + "9" * 5000, "4300 digits"),

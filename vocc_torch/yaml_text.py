@@ -50,8 +50,10 @@ class _PlainLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no hint
         mapping: dict[Hashable, Any] = {}
         for key, value in node.value:
             name, line = self.construct_object(key, deep=True), key.start_mark.line + 1
-            if isinstance(name, dict | list):
-                raise yaml.YAMLError(f"a key is a list or a mapping (line {line})")
+            if isinstance(name, dict | list | None):
+                raise yaml.YAMLError(
+                    f"a key is null, a list or a mapping (line {line})"
+                )
             if name in mapping:
                 raise yaml.YAMLError(f"key {name} is there twice (line {line})")
             mapping[name] = self.construct_object(value, deep)

@@ -213,6 +213,7 @@ def test_the_configuration_is_composed_once_and_its_own_mode_holds(
         ("--config-dir mine scene=bad", ["bad.yaml cannot be read", "line 2"]),
         ("--config-dir mine scene=alias", ["alias.yaml cannot be read", "an alias"]),
         ("--config-dir mine scene=list", ["list.yaml is [1]", "a mapping"]),
+        ("--config-dir mine scene=wide", ["scene.distance is not a known key"]),
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_nothing(app, tmp_path, words, parts):
@@ -220,6 +221,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(app, tmp_path, words, parts):
     (tmp_path / "mine" / "scene" / "bad.yaml").write_text("ambient_lx: 1\n  led: [\n")
     (tmp_path / "mine" / "scene" / "alias.yaml").write_text("a: &a [1]\nb: *a")
     (tmp_path / "mine" / "scene" / "list.yaml").write_text("- 1")
+    (tmp_path / "mine" / "scene" / "wide.yaml").write_text("distance: 1", "utf-16")
     complaint = app(*words.split()).complaint
     assert all(part in complaint for part in parts)
     assert not (tmp_path / "runs").exists()
