@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 
 import av
 import numpy as np
@@ -21,6 +22,7 @@ from vocc_torch.receiver.locators import DetectorLocator, RefinedLocator
 from vocc_torch.receiver.locators import detector as locator_file
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import shipped_receiver
+from vocc_torch.recordings.streams import LiveStream
 from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
 
 
@@ -236,10 +238,9 @@ def test_a_panel_that_hangs_upside_down_is_read_upright(
     )
 
 
-def test_a_live_film_is_decoded_as_it_comes_and_ends_in_order(
-    photo, photo_bits, tmp_path
-):
-    """Matroska through a pipe; the table has a row a frame once the film ends."""
+@pytest.fixture
+def film(photo, tmp_path):
+    """Four frames of the photograph, in Matroska."""
     with av.open(str(tmp_path / "film.mkv"), "w") as container:
         picture = Image.open(photo).convert("RGB").crop((0, 0, 360, 346))
         stream = container.add_stream("mpeg4", rate=25)
@@ -248,6 +249,36 @@ def test_a_live_film_is_decoded_as_it_comes_and_ends_in_order(
         for _ in range(4):
             container.mux(stream.encode(av.VideoFrame.from_image(picture)))
         container.mux(stream.encode())
+    return tmp_path / "film.mkv"
+
+
+class LateStream(LiveStream):
+    """A live source whose frames have all come when the first is taken."""
+
+    def __iter__(self):
+        deadline = time.monotonic() + 20
+        while self.dropped < 3 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        return super().__iter__()
+
+
+def test_frames_that_wait_give_way_where_the_newest_is_asked_for(
+    decode, film, photo, photo_bits, monkeypatch, capsys
+):
+    with pytest.raises(VoccError, match="must be null where input is a file"):
+        decode(photo, "decode.newest=true")
+    opened = av.open(str(film))
+    monkeypatch.setattr("vocc_torch.recordings.streams.opened", lambda source: opened)
+    monkeypatch.setattr("vocc_torch.studies.decode.run.LiveStream", LateStream)
+    (row,) = decode("-", "decode.newest=true")
+    assert (row["frame"], row["bits"]) == ("3", photo_bits)
+    assert "3 frames dropped" in capsys.readouterr().out
+
+
+def test_a_live_film_is_decoded_as_it_comes_and_ends_in_order(
+    film, photo_bits, tmp_path
+):
+    """Matroska through a pipe; the table has a row a frame once the film ends."""
     command = [
         sys.executable,
         "-m",
@@ -256,11 +287,11 @@ def test_a_live_film_is_decoded_as_it_comes_and_ends_in_order(
         "input=-",
         "name=live",
     ]
-    with (tmp_path / "film.mkv").open("rb") as film:
+    with film.open("rb") as pipe:
         run = subprocess.run(
             command,
             cwd=tmp_path,
-            stdin=film,
+            stdin=pipe,
             capture_output=True,
             text=True,
             timeout=300,

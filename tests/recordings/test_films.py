@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 
 import av
 import cv2
@@ -15,7 +16,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.recordings.films import read_film
 from vocc_torch.recordings.frames import FilmGrey
 from vocc_torch.recordings.reading import expected_frames, read_recording
-from vocc_torch.recordings.streams import CAMERA_QUEUE_FRAMES, LiveStream
+from vocc_torch.recordings.streams import LiveStream
 
 
 @pytest.fixture(scope="module")
@@ -188,21 +189,24 @@ def test_a_film_on_standard_input_is_read_frame_by_frame(frames, tmp_path, suffi
     assert np.abs(np.array(eval(run.stdout)) - means).max() <= 3, run.stderr
 
 
-def test_a_slow_receiver_of_a_camera_gets_the_newest_frames(
-    frames, tmp_path, monkeypatch
+@pytest.mark.parametrize(
+    ("source", "newest", "dropped"),
+    [("camera:0", None, 7), ("camera:0", False, 0), ("-", None, 0), ("-", True, 7)],
+)
+def test_of_frames_that_a_receiver_is_late_for_the_newest_or_all_come(
+    frames, tmp_path, monkeypatch, source, newest, dropped
 ):
-    """The film stands for a camera that does not wait; all is read before the first frame is taken."""
-    path = write_film(tmp_path / "film.mkv", frames)
+    """The film stands for a live source; all is read, or one frame, before the first is taken."""
+    container = av.open(str(write_film(tmp_path / "film.mkv", frames)))
     monkeypatch.setattr(
-        "vocc_torch.recordings.streams.opened", lambda source: av.open(str(path))
+        "vocc_torch.recordings.streams.opened", lambda source: container
     )
-    stream = LiveStream("camera:0", "luma")
-    deadline = cv2.getTickCount() + 20 * cv2.getTickFrequency()
-    while stream.dropped < 8 - CAMERA_QUEUE_FRAMES and cv2.getTickCount() < deadline:
-        pass
-    read = [frame.index for frame in stream]
-    assert read[-1] == 7
-    assert len(read) + stream.dropped == 8
+    stream = LiveStream(source, "luma", newest=newest)
+    deadline = time.monotonic() + 20
+    while stream.dropped < dropped and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert [frame.index for frame in stream] == list(range(dropped, 8))
+    assert stream.dropped == dropped
 
 
 def test_a_camera_that_is_not_there_is_refused():

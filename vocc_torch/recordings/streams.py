@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 from vocc_torch.errors import VoccError
@@ -21,12 +22,9 @@ CAMERA_DRIVERS = {
     "win32": ("dshow", "video={}"),
 }
 """FFmpeg's camera driver and device name of each system."""
-LOW_LATENCY = {"flags": "low_delay"}
+SHORT_PROBE = {"fpsprobesize": "0"}
+"""No frames are gathered to find the rate: MPEG-TS opens 20 frames sooner."""
 CONNECT_TIMEOUT_S = 10.0
-PIPE_QUEUE_FRAMES = 8
-"""Frames read ahead of the receiver; a pipe then waits."""
-CAMERA_QUEUE_FRAMES = 2
-"""Frames read ahead of the receiver; a camera then drops the oldest."""
 
 
 def is_stream(source: str) -> bool:
@@ -56,16 +54,14 @@ def opened(source: str) -> Any:
     av, begun = av_library(source), time.monotonic()
     try:
         if source == STANDARD_INPUT:
-            return av.open(PipeReader(), options=dict(LOW_LATENCY))
+            return av.open(PipeReader(), options=dict(SHORT_PROBE))
         if source.startswith(CAMERA):
             driver, device = CAMERA_DRIVERS.get(sys.platform, CAMERA_DRIVERS["linux"])
             name = device.format(source.removeprefix(CAMERA))
-            return av.open(name, format=driver, options=dict(LOW_LATENCY))
-        options = (
-            {**LOW_LATENCY, "rtsp_transport": "tcp"}
-            if source.startswith("rtsp")
-            else dict(LOW_LATENCY)
-        )
+            return av.open(name, format=driver, options=dict(SHORT_PROBE))
+        options = dict(SHORT_PROBE)
+        if source.startswith("rtsp"):
+            options["rtsp_transport"] = "tcp"
         return av.open(source, options=options, timeout=CONNECT_TIMEOUT_S)
     except (av.error.FFmpegError, OSError, ValueError) as error:
         reason = " ".join(str(error).split())
@@ -78,40 +74,47 @@ def opened(source: str) -> Any:
 
 
 class LiveStream:
-    """Frames of a live source, read by a thread of their own so that the newest is at hand.
+    """Frames of a live source, read by a thread of their own; at most one waits for the receiver.
 
-    A pipe waits until the receiver has taken its frames, so that none is lost. A camera or an address does
-    not wait: where the receiver is slower, the oldest frames are dropped and counted.
+    Where the receiver is slower, either the waiting frame gives way to the newest and is counted, or the
+    thread reads no further until it is taken.
 
     Args:
         source: ``-``, ``camera:NUMBER`` or an address.
         channel: how colour becomes grey.
         grey_only: leave out the colour, which costs a fifth of the time.
+        newest: whether waiting frames are dropped; None drops those of cameras and addresses only.
 
     Raises:
         VoccError: a source that cannot be opened.
     """
 
-    def __init__(self, source: str, channel: str, *, grey_only: bool = False) -> None:
+    def __init__(
+        self,
+        source: str,
+        channel: str,
+        *,
+        grey_only: bool = False,
+        newest: bool | None = None,
+    ) -> None:
         self.source = source
         self.channel = channel
         self.grey_only = grey_only
+        self.newest = source != STANDARD_INPUT if newest is None else newest
         self.dropped = 0
         self.is_closed = False
         self.container = opened(source)
-        self.waits = source == STANDARD_INPUT
-        capacity = PIPE_QUEUE_FRAMES if self.waits else CAMERA_QUEUE_FRAMES
-        self.queue: queue.Queue[RecordedFrame | str | None] = queue.Queue(capacity)
+        self.queue: queue.Queue[RecordedFrame | str | None] = queue.Queue(1)
         threading.Thread(target=self.fill, daemon=True).start()
 
     def fill(self) -> None:
         """Read until the source ends, in the thread."""
         av = av_library(self.source)
+        name = "stdin" if self.source == STANDARD_INPUT else self.source
         end: str | None = None
         index = 0
         try:
             for picture in self.container.decode(video=0):
-                name = "stdin" if self.waits else self.source
                 if self.is_closed:
                     break
                 for frame in frames_of(
@@ -129,14 +132,14 @@ class LiveStream:
         self.queue.put(end)
 
     def put(self, frame: RecordedFrame) -> None:
-        """Hand a frame on; where the queue of a camera is full its oldest frame is dropped."""
-        while not self.waits and self.queue.full():
-            try:
+        """Hand a frame on: in the place of the one that waits, or wait until it is taken."""
+        if self.newest:
+            with suppress(queue.Empty):
                 self.queue.get_nowait()
                 self.dropped += 1
-            except queue.Empty:
-                break
         self.queue.put(frame)
+        if not self.newest:
+            self.queue.join()
 
     def __iter__(self) -> Iterator[RecordedFrame]:
         """Give the frames as they arrive.
@@ -146,6 +149,7 @@ class LiveStream:
         """
         is_empty = True
         while isinstance(item := self.queue.get(), RecordedFrame):
+            self.queue.task_done()
             is_empty = False
             yield item
         if item is not None:
@@ -156,5 +160,6 @@ class LiveStream:
     def close(self) -> None:
         """Let the source go; the thread ends with it."""
         self.is_closed = True
-        while not self.queue.empty():
+        with suppress(queue.Empty):
             self.queue.get_nowait()
+            self.queue.task_done()

@@ -27,6 +27,8 @@ class DecodeConfig:
             always, ``auto`` in films, ``false`` never. Null follows in live sources only.
         turn: turn each frame clockwise before reading, 0, 90, 180 or 270 degrees.
         mirror: exchange left and right after turning.
+        newest: read the newest frame of a live source and drop those that wait for the receiver. Null does
+            so for cameras and addresses; standard input waits.
         show: show each frame with corners and bits while it is read (extra ``viewer``).
 
     Raises:
@@ -40,6 +42,7 @@ class DecodeConfig:
     follow: str | None = None
     turn: int = 0
     mirror: bool = False
+    newest: bool | None = None
     show: bool = False
 
     def __post_init__(self) -> None:

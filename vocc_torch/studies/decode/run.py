@@ -45,17 +45,23 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     """Decode a recording and write its bits and annotated pictures.
 
     Raises:
-        VoccError: no input, or an input without a panel.
+        VoccError: no input, a key that does not hold for it, or an input without a panel.
     """
     if settings.input is None:
         raise VoccError(f"input is null: task=decode needs input=PICTURE; {ALLOWED}")
     if is_stream(settings.input):
         stream = LiveStream(
-            settings.input, config.first_channel, grey_only=config.grey_only
+            settings.input,
+            config.first_channel,
+            grey_only=config.grey_only,
+            newest=config.newest,
         )
         with closing(stream):
             run_live(settings, config, folder, stream)
         return
+    if config.newest is not None:
+        rule = f"null where input is a file, as {settings.input}"
+        raise VoccError.of("decode.newest", config.newest, rule)
     if config.scale > 1 and settings.input.lower().endswith(VIDEO_SUFFIXES):
         rule = f"1 where input is a video, as {settings.input}: pictures are annotated"
         raise VoccError.of("decode.scale", config.scale, rule)

@@ -1,0 +1,167 @@
+"""Live latency: films played at the pace of a camera into ``vocc-torch task=decode input=-``.
+
+Each frame is written into the pipe when a camera would take it. Its latency ends when its line is printed, so
+the waits in the pipe and in the reader count. Without films, two of 1280 x 720 px are drawn: the photographed
+panel of ``tests/data``, 260 px wide on grey (``easy``) and 56 px wide before another photograph (``hard``).
+
+    python benchmarks/live.py --csv docs/results/live.csv
+    python benchmarks/live.py FILM.mp4 --options decode.newest=false
+"""
+
+import argparse
+import csv
+import io
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import av
+import numpy as np
+from PIL import Image
+
+DATA = Path(__file__).resolve().parents[1] / "tests/data"
+SIZE = 1280, 720
+FRAMES = 600
+TURN_FRAMES = 180
+PANEL_PX = {"easy": 260, "hard": 56}
+COLUMNS = ("film", "fps", "options", "frames", "read", "ms", "ms_95")
+
+
+def drawn(path: Path, panel_px: int, is_hard: bool) -> Path:
+    """Encode a film in which the panel drifts by a few pixels a frame."""
+    background = Image.new("RGB", SIZE, (90, 90, 90))
+    if is_hard:
+        desk = Image.open(DATA / "led-matrix-8x16-desk.jpg").convert("RGB")
+        background = desk.crop((0, 0, desk.width, desk.height // 2)).resize(SIZE)
+    photo = Image.open(DATA / "led-panel-8x8-photo.png").convert("RGB")
+    panel = photo.resize((panel_px, panel_px))
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(
+            "libx264", rate=30, options={"tune": "zerolatency"}
+        )
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
+        for number in range(FRAMES):
+            angle = 2 * np.pi * number / TURN_FRAMES
+            shift = np.array([np.cos(angle), np.sin(angle)]) * 100
+            place = np.rint(np.array(SIZE) / 2 + shift - panel_px / 2).astype(int)
+            frame = background.copy()
+            frame.paste(panel, tuple(place.tolist()))
+            container.mux(stream.encode(av.VideoFrame.from_image(frame)))
+        container.mux(stream.encode())
+    return path
+
+
+class Player(io.RawIOBase):
+    """A pipe's end that remembers when each frame was due."""
+
+    def __init__(self, pipe: io.BufferedWriter, fps: float) -> None:
+        self.pipe = pipe
+        self.fps = fps
+        self.due_s: list[float] = []
+
+    def writable(self) -> bool:
+        """Say that it is written to."""
+        return True
+
+    def write(self, part: bytes) -> int:  # type: ignore[override]
+        """Pass bytes on at once."""
+        self.pipe.write(part)
+        self.pipe.flush()
+        return len(part)
+
+    def play(self, film: Path) -> None:
+        """Copy a film's packets into the pipe as MPEG-TS, at this pace from now on."""
+        options = {"flush_packets": "1"}
+        with (
+            av.open(str(film)) as source,
+            av.open(self, "w", format="mpegts", options=options) as sink,
+        ):
+            stream = source.streams.video[0]
+            copy = sink.add_stream_from_template(stream)
+            begun_s = time.monotonic()
+            for number, packet in enumerate(source.demux(stream)):
+                if packet.dts is None:
+                    break
+                due_s = begun_s + number / self.fps
+                time.sleep(max(0.0, due_s - time.monotonic()))
+                self.due_s.append(due_s)
+                packet.stream = copy
+                sink.mux(packet)
+        self.pipe.close()
+
+
+def played(film: Path, fps: float, options: list[str]) -> dict[str, object]:
+    """Play a film into the command; give frames read and latencies from due time to printed line.
+
+    Frames that are due before the command prints its first line, while it starts, are left out.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "vocc_torch", "task=decode", "input=-"]
+        run = subprocess.Popen(
+            [*command, "name=live", *options],
+            cwd=folder,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+        )
+        assert run.stdin is not None
+        assert run.stdout is not None
+        player = Player(run.stdin, fps)
+        threading.Thread(target=player.play, args=[film], daemon=True).start()
+        lines = [(line.decode(), time.monotonic()) for line in run.stdout]
+        if run.wait() != 0:
+            raise SystemExit(f"the command ended with status {run.returncode}")
+        with (Path(folder) / "runs/live/bits.csv").open(newline="") as file:
+            rows = list(csv.DictReader(file))
+    printed_s = [at for line, at in lines if " s  " in line[:14]]
+    places = [int(row["frame"]) for row in rows]
+    first = int(np.searchsorted(player.due_s, printed_s[0]))
+    late = [
+        at - player.due_s[place]
+        for place, at in zip(places, printed_s, strict=True)
+        if place >= first
+    ]
+    print(*(line for line, _ in lines if "frames show" in line), sep="", end="")
+    median, high = 1000 * np.quantile(late, [0.5, 0.95])
+    return {
+        "film": film.stem,
+        "fps": f"{fps:g}",
+        "options": " ".join(options),
+        "frames": len(player.due_s) - first,
+        "read": len(late),
+        "ms": f"{median:.0f}",
+        "ms_95": f"{high:.0f}",
+    }
+
+
+def main() -> None:
+    """Play each film at each pace, with the newest frame first and with all frames."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("films", nargs="*", type=Path)
+    parser.add_argument("--fps", nargs="*", type=float, default=[30, 60])
+    parser.add_argument("--options", nargs="*", default=[])
+    parser.add_argument("--csv", type=Path)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        films = given.films or [
+            drawn(Path(folder) / f"{name}.mp4", width, name == "hard")
+            for name, width in PANEL_PX.items()
+        ]
+        rows = []
+        for film in films:
+            for fps in given.fps:
+                rows.append(played(film, fps, given.options))
+                print(*rows[-1].values())
+    if given.csv:
+        with given.csv.open("w", newline="") as file:
+            table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            table.writeheader()
+            table.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()
