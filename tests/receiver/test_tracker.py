@@ -104,6 +104,20 @@ def test_a_shaking_panel_is_followed_and_found_again(approach):
     assert tracker.searches == locator.asked <= 2 + len(grey[HIDDEN]) + 2
 
 
+@pytest.mark.parametrize("passed", [1, 8])
+def test_a_panel_is_expected_where_its_motion_led_while_frames_were_dropped(
+    approach, passed
+):
+    """It moves by 2 px a frame; after the twelfth frame seven are dropped."""
+    grey, corners = (part[0] for part in approach)
+    tracker = Tracker(Told(corners[None]), SHAPE, every=100)
+    for number in range(12):
+        tracker(np.roll(grey, 2 * number, 1))
+    tracks = tracker(np.roll(grey, 2 * 19, 1), passed)
+    off_px = [abs(track.corners.numpy() - corners - [38, 0]).max() for track in tracks]
+    assert (min(off_px, default=np.inf) < 1) == (passed == 8)
+
+
 def test_a_small_standing_panel_stays_where_it_is():
     """Of 2.7 px an LED in a night's noise: by neither a line of dark LEDs nor by size or turn is it moved."""
     given = (

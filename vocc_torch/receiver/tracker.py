@@ -1,7 +1,7 @@
 """Following panels in a recording: the last frame says where to look, a full search comes now and then."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,7 +59,8 @@ class Track:
         motion: (4,2) px a frame.
         slips: (5,) evidence for :data:`SLIPS`, log odds over some frames.
         spread: squared cells by which it is off from where it is expected.
-        misses: frames since it was seen.
+        misses: looks since it was seen.
+        unseen: frames since it was seen, which are more where frames were dropped.
         doubts: full searches since one met it that found others.
     """
 
@@ -72,12 +73,18 @@ class Track:
     slips: Tensor = field(default_factory=lambda: torch.zeros(len(SLIPS)))
     spread: float = 0.1
     misses: int = 0
+    unseen: int = 0
     doubts: int = 0
+
+    @property
+    def expected(self) -> Tensor:
+        """Corners (4,2) px where its motion leads."""
+        return self.corners + self.motion * self.unseen
 
     def follow(self, networks: Networks, grey: Tensor, shape: PanelShape) -> bool:
         """Look in a frame (H,W) uint8 where the motion leads, and say whether the panel is there."""
         self.misses += 1
-        expected = self.corners + self.motion * self.misses
+        expected = self.expected
         around = Surroundings.of(networks, grey, expected, shape)
         corners, odds = around.place(expected)
         if odds < min(SETTINGS.clear_log_odds, self.log_odds - SETTINGS.fallen):
@@ -107,20 +114,19 @@ class Track:
     def meet(self, corners: Tensor, odds: float) -> None:
         """Use corners (4,2) px as those of the panel in this frame."""
         place, shaped = parts(
-            (corners - self.corners) / max(self.misses, 1) - self.motion
+            (corners - self.corners) / max(self.unseen, 1) - self.motion
         )
         self.motion = self.motion + SETTINGS.motion_learned * place
         self.motion = self.motion + SETTINGS.growth_learned * shaped
         self.log_odds += SETTINGS.odds_learned * (odds - self.log_odds)
-        self.corners, self.misses = corners, 0
+        self.corners, self.misses, self.unseen = corners, 0, 0
 
     def lies_on(self, corners: Tensor) -> bool:
         """Whether a panel at corners (4,2) px would overlap it."""
-        expected = self.corners + self.motion * self.misses
         side = float(
             (corners[0] - corners[2]).norm() + (corners[1] - corners[3]).norm()
         )
-        return float((expected.mean(0) - corners.mean(0)).norm()) < side / 6
+        return float((self.expected.mean(0) - corners.mean(0)).norm()) < side / 6
 
 
 @dataclass
@@ -161,8 +167,14 @@ class Tracker:
         """The detector's networks: those of the locator if it is a detector."""
         return networks_of(self.locator, torch.device("cpu"))
 
-    def __call__(self, frame: NDArray[np.uint8] | Tensor) -> list[Track]:
+    def __call__(
+        self, frame: NDArray[np.uint8] | Tensor, passed: int = 1
+    ) -> list[Track]:
         """Take the recording's next frame (H,W) uint8, and return its panels.
+
+        Args:
+            frame: the frame.
+            passed: frames since the last one that was taken, more than 1 where some were dropped.
 
         Raises:
             VoccError: no frame, several, or one of another type or with colours.
@@ -170,6 +182,8 @@ class Tracker:
         frames = Frames.of(frame, "frame")
         if len(frames) != 1:
             raise VoccError.of("frame", f"{len(frames)} frames", "one at a time, (H,W)")
+        for track in self.tracks:
+            track.unseen += passed
         with torch.inference_mode():
             return self._next(Frames.whole(frames.grey.cpu()))
 
@@ -201,9 +215,14 @@ class Tracker:
         return sorted(seen, key=lambda track: track.number)
 
     def panels(
-        self, greys: Tensor, most: int = 1
+        self, greys: Tensor, most: int = 1, passed: Sequence[int] = ()
     ) -> tuple[list[int], list[int], StatedPanels]:
         """Take the next frames (B,H,W) uint8 in order, and give up to ``most`` panels of each.
+
+        Args:
+            greys: the frames.
+            most: panels of a frame.
+            passed: of each frame, as for a call; by default 1.
 
         Returns:
             The frame of each panel, in order, and the number of its track, those followed longest first; a
@@ -212,8 +231,9 @@ class Tracker:
         """
         none = Track(0, torch.zeros(4, 2).double(), 0.0, math.nan, 0.0)
         rows = []
-        for number, plane in enumerate(greys):
-            tracks = self(plane)
+        steps = passed or [1] * len(greys)
+        for number, (plane, step) in enumerate(zip(greys, steps, strict=True)):
+            tracks = self(plane, step)
             for track in tracks[:most] or [none]:
                 row = (track.corners, bool(tracks), track.score, len(tracks))
                 rows.append((number, track.number, *row, track.false_alarms))

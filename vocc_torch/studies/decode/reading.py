@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -160,6 +161,7 @@ def read_panels(
     demand_several(receiver.locator, most)
     tracker = Tracker(receiver.locator, receiver.shape)
     size = None
+    last = 0
     for batch in batches(recording, frames_at_once, BATCH_PIXELS):
         if batch[0].grey.shape != size:
             size = batch[0].grey.shape
@@ -169,8 +171,12 @@ def read_panels(
         whose = [*range(len(batch))]
         tracks: list[int] = []
         if follow == "true" or (follow == "auto" and batch[0].time_s is not None):
+            numbers = [last, *(frame.index for frame in batch)]
+            # More than 1 where a live source dropped frames.
+            passed = [max(1, after - before) for before, after in pairwise(numbers)]
+            last = numbers[-1]
             with torch.inference_mode():
-                whose, tracks, followed = tracker.panels(greys, most)
+                whose, tracks, followed = tracker.panels(greys, most, passed)
                 read = receiver(
                     images[torch.tensor(whose)], followed.to(receiver.device)
                 )
