@@ -18,6 +18,7 @@ PICTURE_SUFFIXES = (
     ".png",
     ".jpg",
     ".jpeg",
+    ".jfif",
     ".bmp",
     ".tif",
     ".tiff",
@@ -54,6 +55,7 @@ VIDEO_SUFFIXES = (
     ".mpg",
     ".mpeg",
     ".mjpeg",
+    *(".ts", ".mts", ".m2ts", ".3gp", ".wmv", ".flv", ".ogv", ".y4m"),
 )
 
 MOST_BYTES = 1 << 30

@@ -223,6 +223,19 @@ def test_the_receiver_that_ships_is_what_its_command_trains(decode, photo, tmp_p
         assert trained.trained_on[name] == pytest.approx(bounds, rel=1e-6)
 
 
+def test_a_note_on_a_file_names_that_file(decode, photo, tmp_path, capsys):
+    (tmp_path / "in").mkdir()
+    grey = Image.open(photo).convert("L")
+    grey.save(tmp_path / "in/first.png")
+    deep = np.asarray(grey).astype(np.uint16) * 4
+    for name in ("second.png", "third.png"):
+        Image.fromarray(deep).save(tmp_path / "in" / name)
+    decode(tmp_path / "in", "decode.annotate=false")
+    printed = capsys.readouterr().out
+    assert printed.count("second.png: grey values up to") == 1
+    assert printed.count("are read as 10 bits") == 1
+
+
 def test_a_panel_that_hangs_upside_down_is_read_upright(
     decode, photo, photo_bits, tmp_path
 ):

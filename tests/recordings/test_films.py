@@ -70,6 +70,14 @@ def test_a_film_frame_by_frame(frames, tmp_path, name, grey_only):
     assert isinstance(read[0].grey, FilmGrey) == grey_only
 
 
+@pytest.mark.parametrize("suffix", ["ts", "m2ts", "mts", "3gp", "wmv", "flv", "y4m"])
+def test_films_of_other_containers(frames, tmp_path, suffix):
+    codec = {"ts": "mpeg2video", "flv": "flv", "wmv": "wmv2", "y4m": "wrapped_avframe"}
+    path = tmp_path / f"film.{suffix}"
+    write_film(path, frames, codec.get(suffix, "mpeg4"))
+    assert len(list(read_recording(path, "luma"))) == len(frames)
+
+
 def test_the_frames_of_a_film_and_of_a_folder_are_known_before_they_are_read(
     frames, tmp_path
 ):
@@ -207,6 +215,16 @@ def test_of_frames_that_a_receiver_is_late_for_the_newest_or_all_come(
         time.sleep(0.01)
     assert [frame.index for frame in stream] == list(range(dropped, 8))
     assert stream.dropped == dropped
+
+
+def test_a_stream_that_cannot_be_read_is_answered_by_what_can(monkeypatch):
+    class Broken:
+        def decode(self, video):
+            raise av.error.InvalidDataError(1, "invalid data")
+
+    monkeypatch.setattr("vocc_torch.recordings.streams.opened", lambda source: Broken())
+    with pytest.raises(VoccError, match=r"invalid data.*it takes Matroska"):
+        list(LiveStream("-", "luma"))
 
 
 def test_a_camera_that_is_not_there_is_refused():

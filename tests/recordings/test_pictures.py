@@ -51,7 +51,8 @@ def test_a_folder_is_read_in_natural_order(frames, tmp_path):
 
 
 def test_files_of_a_folder_that_are_no_known_pictures_are_named(frames, tmp_path):
-    save(tmp_path / "1.png", frames[0])
+    save(tmp_path / "1.jfif", frames[0], format="JPEG")
+    (tmp_path / "._1.jfif").write_bytes(b"what macOS knows of 1.jfif")
     (tmp_path / "raw.dng").write_bytes(b"raw")
     done, refusal = read_to_the_end(read_recording(tmp_path, "luma"))
     assert (done, refusal) == (1, "input raw.dng is not a known kind of picture")
@@ -90,6 +91,18 @@ def test_deep_pictures_are_scaled_to_the_white_level_of_their_depth(
     (frame,) = read_recording(save(tmp_path / "deep.png", deep), "luma")
     assert np.array_equal(frame.grey, frames[0])
     assert note in frame.note
+
+
+@pytest.mark.parametrize("suffix", ["png", "tiff"])
+@pytest.mark.parametrize("bits", [10, 12, 16])
+def test_deep_colours_are_scaled_likewise(frames, tmp_path, suffix, bits):
+    """Pillow alone keeps the upper eight of 16 bits, of which 10-bit colours use two."""
+    path = tmp_path / f"deep.{suffix}"
+    bgr = np.stack([frames[0], frames[0] // 2, frames[1]], axis=2)
+    cv2.imwrite(str(path), np.rint(bgr * ((2**bits - 1) / 255.0)).astype(np.uint16))
+    (frame,) = read_recording(path, "luma")
+    assert np.abs(frame.colour[..., ::-1].astype(int) - bgr).max() <= 1
+    assert (f"read as {bits} bits" in frame.note) == (bits < 16)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
 from vocc_torch.arrays import Bytes, Numbers, read_npy
 from vocc_torch.errors import VoccError, library, printable
@@ -18,6 +18,10 @@ from vocc_torch.recordings.frames import RecordedFrame, to_bytes, to_grey
 HEIF_SUFFIXES = (".heic", ".heif", ".hif")
 SIDECAR_SUFFIXES = (".csv", ".json", ".md", ".txt", ".xml", ".yaml", ".yml")
 """Files that commonly lie beside pictures and are passed over silently."""
+APPLE_DOUBLE = "._"
+"""Begin of the names of files that macOS writes beside others on foreign disks."""
+DARK = 64
+"""Colours of 10 to 14 bits in a file of 16 bits are below this once they are cut to 8 bits."""
 MOST_FAILURES = 5
 """Failures that one message names."""
 
@@ -42,7 +46,12 @@ def read_folder(folder: Path, channel: str) -> Iterator[RecordedFrame]:
         VoccError: a folder without pictures, at once; at the end, files that cannot be read.
     """
     files = sorted(
-        (path for path in folder.iterdir() if path.is_file()), key=natural_key
+        (
+            path
+            for path in folder.iterdir()
+            if path.is_file() and not path.name.startswith(APPLE_DOUBLE)
+        ),
+        key=natural_key,
     )
     pictures = [path for path in files if path.suffix.lower() in PICTURE_SUFFIXES]
     if not pictures:
@@ -110,7 +119,10 @@ def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
                         Image.open(path, formats=formats)
                     )
                     image.seek(index)
+                    is_deep = image.mode == "RGB" and ";16" in str(image.tile)
                     colour, note = to_colour(image)
+                    if is_deep and colour.max() < DARK:
+                        colour, note = deep_colour(path, image)
             except (
                 Exception
             ) as error:  # Pillow's readers raise many kinds for damaged files
@@ -159,6 +171,23 @@ def to_colour(image: Image.Image) -> tuple[Bytes, str]:
         greys, note = to_bytes(np.asarray(shown))
         shown = Image.fromarray(greys)
     return np.asarray(shown.convert("RGB"), dtype=np.uint8), note
+
+
+def deep_colour(path: Path, image: Image.Image) -> tuple[Bytes, str]:
+    """Read colours of 16 bits, of which Pillow keeps the upper eight; as :func:`to_colour`.
+
+    Raises:
+        VoccError: PyAV is not installed.
+    """
+    av = library("av", "video", f"input {path} has colours of 10 to 14 bits")
+    with av.open(f"file:{path.absolute()}") as container:
+        picture = next(container.decode(video=0))
+    colour, note = to_bytes(picture.to_ndarray(format="rgb48le"))
+    shown = Image.fromarray(colour)
+    shown.getexif()[ExifTags.Base.Orientation] = image.getexif().get(
+        ExifTags.Base.Orientation, 1
+    )
+    return to_colour(shown)[0], note
 
 
 def read_greys(path: Path) -> Iterator[RecordedFrame]:

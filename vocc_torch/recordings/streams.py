@@ -129,6 +129,8 @@ class LiveStream:
                     index += 1
         except (av.error.FFmpegError, IndexError, ValueError, OSError) as error:
             end = " ".join(str(error).split())
+            if self.source == STANDARD_INPUT and not index:
+                end += "; it takes Matroska, MPEG-TS or YUV4MPEG"
         self.queue.put(end)
 
     def put(self, frame: RecordedFrame) -> None:

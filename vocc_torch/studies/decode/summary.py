@@ -37,7 +37,7 @@ class Summary:
         least_alarms: false alarms a frame at the likeliest place not found; NaN where none are stated.
         likeliest: the frame that shows it.
         most: surely seen in one frame, of a locator that says how sure it is.
-        notes: what the reader assumed about the files.
+        notes: what the reader assumed about files, and the first file of each.
     """
 
     best: Reading | None = None
@@ -51,7 +51,7 @@ class Summary:
     least_alarms: float = math.nan
     likeliest: str = ""
     most: int = 0
-    notes: list[str] = field(default_factory=list)
+    notes: dict[str, str] = field(default_factory=dict)
     _last: tuple[str, int] | None = None
 
     def add(self, reading: Reading) -> None:
@@ -60,8 +60,8 @@ class Summary:
         self.frames += place != self._last
         self.shown += reading.found and place != self._last
         self._last = place
-        if reading.frame.note and reading.frame.note not in self.notes:
-            self.notes.append(reading.frame.note)
+        if reading.frame.note:
+            self.notes.setdefault(reading.frame.note, reading.frame.source)
         if not reading.found:
             if (
                 reading.false_alarms > 0
@@ -99,7 +99,7 @@ class Summary:
         judged += f", {self.found} readings" * (self.found > self.shown)
         if self.most > most:
             judged += f"; a frame shows {self.most}: decode.most={self.most} reads them"
-        notes = [f"{self.best.frame.source}: {note}" for note in self.notes]
+        notes = [f"{source}: {note}" for note, source in self.notes.items()]
         for text in (*grid, f"  {on} On, {off} Off", self.best.text, judged, *notes):
             print_line(console, text)
 
