@@ -9,7 +9,7 @@ import numpy as np
 
 from vocc_torch.arrays import Bytes
 from vocc_torch.errors import VoccError, library, printable
-from vocc_torch.recordings.frames import FilmGrey, Grey, RecordedFrame, to_grey
+from vocc_torch.recordings.frames import RecordedFrame, full_range, to_grey
 
 FULL_RANGE = 2
 """FFmpeg's number for films whose greys use 0 to 255 (AVCOL_RANGE_JPEG)."""
@@ -125,7 +125,7 @@ def frames_of(
         colour = np.asarray(picture.to_ndarray(format="rgb24"), dtype=np.uint8)
         grey = to_grey(colour, channel)
     if not picture.interlaced_frame:
-        shown = rotated(colour, turns), rotated_grey(grey, turns)
+        shown = rotated(colour, turns), rotated(grey, turns)
         note = (
             f"turned by {-turns * TURN_DEGREES % 360} degrees as the film's header says"
             if turns
@@ -136,7 +136,7 @@ def frames_of(
         )
         return
     for parity in (0, 1):
-        field_grey = rotated(field(np.asarray(grey), parity), turns)
+        field_grey = rotated(field(grey, parity), turns)
         field_colour = rotated(field(colour, parity), turns)
         time_s = field_time_s(picture, parity)
         yield RecordedFrame(
@@ -185,17 +185,10 @@ def rotated(plane: Bytes, turns: int) -> Bytes:
     return np.ascontiguousarray(np.rot90(plane, turns)) if turns % 4 else plane
 
 
-def rotated_grey(grey: Grey, turns: int) -> Grey:
-    """Turn greys counterclockwise by quarter turns; a film's are still converted where they are read."""
-    if isinstance(grey, FilmGrey):
-        return FilmGrey(rotated(grey.plane, turns))
-    return rotated(grey, turns)
-
-
-def grey_plane(picture: Any) -> Grey:
+def grey_plane(picture: Any) -> Bytes:
     """Take the greys (H,W) of a frame of PyAV."""
     if picture.format.name != "yuv420p" or picture.color_range == FULL_RANGE:
         return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
     plane = picture.planes[0]
     lines = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
-    return FilmGrey(lines[: picture.height, : picture.width])
+    return full_range(lines[: picture.height, : picture.width])

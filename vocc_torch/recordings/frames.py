@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -17,38 +16,17 @@ STUDIO_TO_FULL = (
     np.rint((np.arange(256) - STUDIO_BLACK) * 255 / STUDIO_RANGE)
     .clip(0, 255)
     .astype(np.uint8)
+    .tobytes()
 )
 """Full-range grey value of each grey value of a film."""
 WHITE_LEVELS = (1, 255, 1023, 4095, 16383, 65535)
 """Grey value of white in pictures of floats and of 8, 10, 12, 14 and 16 bits."""
 
 
-class FilmGrey:
-    """Greys (H,W) of a film's frame, 16 to 235, converted to 0 to 255 only where they are read.
-
-    A window is read like that of a NumPy array; ``numpy.asarray`` reads the whole frame.
-
-    Args:
-        plane: (H,W) uint8 of the film.
-    """
-
-    def __init__(self, plane: Bytes) -> None:
-        self.plane = plane
-        self.shape = plane.shape
-
-    def __getitem__(self, window: tuple[slice, slice]) -> Bytes:
-        """Convert the greys of a window."""
-        part = self.plane[window]
-        converted = part.tobytes().translate(STUDIO_TO_FULL.tobytes())
-        return np.frombuffer(converted, np.uint8).reshape(part.shape)
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Bytes:
-        """Convert all greys."""
-        return self[:, :]
-
-
-Grey = Bytes | FilmGrey
-"""Greys (H,W) of a frame."""
+def full_range(plane: Bytes) -> Bytes:
+    """Convert the greys (H,W) of a film, 16 to 235, to 0 to 255."""
+    converted = plane.tobytes().translate(STUDIO_TO_FULL)
+    return np.frombuffer(converted, np.uint8).reshape(plane.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +48,7 @@ class RecordedFrame:
     index: int
     time_s: float | None
     colour: Bytes
-    grey: Grey
+    grey: Bytes
     light: str = ""
     note: str = ""
     arrived_s: float | None = None
@@ -147,8 +125,6 @@ def turned(
         return np.ascontiguousarray(rotated[:, ::-1] if mirror else rotated)
 
     return (
-        replace(
-            frame, colour=upright(frame.colour), grey=upright(np.asarray(frame.grey))
-        )
+        replace(frame, colour=upright(frame.colour), grey=upright(frame.grey))
         for frame in recording
     )

@@ -13,7 +13,6 @@ from vocc_torch.receiver.calibration import APPEARANCE
 from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.receiver.tracker import Tracker
-from vocc_torch.recordings.frames import Grey
 from vocc_torch.types import Frames, Panels
 
 
@@ -75,7 +74,7 @@ class Front:
         self._looks: deque[Tensor] = deque(maxlen=SETTINGS.remembered)
         self._contrast = self._size = 0.0
 
-    def __call__(self, greys: Sequence[Grey]) -> Singles:
+    def __call__(self, greys: Sequence[Bytes]) -> Singles:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
         with torch.inference_mode():
             return self.values(*self.read(*self.locate(greys)), self.soft)
@@ -113,9 +112,9 @@ class Front:
             llr = decoded.llr
         return (llr * located.view(-1, 1, 1)).float().cpu().numpy()
 
-    def locate(self, greys: Sequence[Grey]) -> tuple[Frames, Tensor]:
+    def locate(self, greys: Sequence[Bytes]) -> tuple[Frames, Tensor]:
         """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
-        corners = torch.stack([self._place(np.asarray(grey)) for grey in greys])
+        corners = torch.stack([self._place(grey) for grey in greys])
         if self.auto and not self.follows and self._moves():
             self.follows, self.frames = True, self.frames - len(greys)
             self.tracker = Tracker(self.receiver.locator, self.receiver.shape)
@@ -141,7 +140,7 @@ class Front:
             return torch.full((4, 2), torch.nan, dtype=torch.float64)
         return self.corners_px
 
-    def _cropped(self, greys: Sequence[Grey], corners: Tensor) -> Frames:
+    def _cropped(self, greys: Sequence[Bytes], corners: Tensor) -> Frames:
         """Crop frames to one window that holds the panel in all of them; other pixels are never copied."""
         height, width = greys[0].shape
         known = corners[~corners.isnan().any(dim=2).any(dim=1)].flatten(0, 1)

@@ -7,8 +7,6 @@ from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
 
-import numpy as np
-
 from vocc_torch.boundary import checked
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.locators import locator_words
@@ -134,7 +132,7 @@ def sized_receiver(
             raise VoccError.of("panel.rows or panel.columns", AUTO, rule)
         first = list(islice(recording, SEEN_FRAMES))
         recording = chain(first, recording)
-        greys = [np.asarray(frame.grey) for frame in first]
+        greys = [frame.grey for frame in first]
         choice = find_shape(name, greys, rows or AUTO, columns or AUTO)
         rows, columns = choice.shape.sides
     if isinstance(model, Receiver):
