@@ -15,7 +15,7 @@ FULL_RANGE = 2
 """FFmpeg's number for films whose greys use 0 to 255 (AVCOL_RANGE_JPEG)."""
 FILMS = {
     "format_whitelist": "matroska,webm,mov,mp4,m4a,3gp,3g2,mj2,avi,mpeg,mpegvideo,mpegts,mjpeg,h264,hevc,m4v,"
-    "asf,flv,ogg,ivf,mxf,image2,png_pipe,jpeg_pipe,gif"
+    "asf,flv,ogg,yuv4mpegpipe,ivf,mxf,image2,png_pipe,jpeg_pipe,gif"
 }
 """What a film may be, whatever its name says: playlists would open other files and wait for pipes."""
 TURN_DEGREES = 90

@@ -22,6 +22,7 @@ APPLE_DOUBLE = "._"
 """Begin of the names of files that macOS writes beside others on foreign disks."""
 DARK = 64
 """Colours of 10 to 14 bits in a file of 16 bits are below this once they are cut to 8 bits."""
+DEEP_FORMATS = {"format_whitelist": "image2,png_pipe,tiff_pipe"}
 MOST_FAILURES = 5
 """Failures that one message names."""
 
@@ -180,7 +181,7 @@ def deep_colour(path: Path, image: Image.Image) -> tuple[Bytes, str]:
         VoccError: PyAV is not installed.
     """
     av = library("av", "video", f"input {path} has colours of 10 to 14 bits")
-    with av.open(f"file:{path.absolute()}") as container:
+    with av.open(f"file:{path.absolute()}", options=DEEP_FORMATS) as container:
         picture = next(container.decode(video=0))
     colour, note = to_bytes(picture.to_ndarray(format="rgb48le"))
     shown = Image.fromarray(colour)
