@@ -1,4 +1,4 @@
-"""Everything on one GPU in eight minutes: equality with the CPU, speed, memory, and where the time goes.
+"""Everything on one GPU in seven minutes: equality with the CPU, speed, memory, and where the time goes.
 
 Every section is a process of its own with a time limit. Its rows are appended to the CSV file at once, so
 that a run that is cut off keeps what it had. A section that fails leaves a row with the reason.
@@ -14,7 +14,6 @@ import csv
 import os
 import subprocess
 import sys
-import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -24,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import nn
 
 from vocc_torch import PanelShape, load_scene
 from vocc_torch.measure.counts import half_errors
@@ -33,7 +31,6 @@ from vocc_torch.measure.plan import World
 from vocc_torch.measure.timing import describe_machine, interleaved, median_of
 from vocc_torch.plugins import one_line
 from vocc_torch.receiver.bank import ReceiverBank
-from vocc_torch.receiver.classifiers.training import Mlp, TrainingRecipe, train_module
 from vocc_torch.receiver.features import led_features, rectified_means
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
@@ -52,7 +49,7 @@ Row = dict[str, object]
 
 @dataclass(frozen=True)
 class Settings:
-    """Sizes of a run; the limits add up to less than eight minutes."""
+    """Sizes of a run; the limits add up to less than seven minutes."""
 
     device: str = "cuda"
     scenes: tuple[str, ...] = ("paper", "night")  # compared with the CPU
@@ -68,10 +65,7 @@ class Settings:
     full_frames: int = 64  # full-HD frames of the receiver alone
     full_batch: int = 32
     copied_bytes: int = 1 << 30  # copied to measure the memory's bandwidth
-    leds: int = 1 << 20  # rows that the mlp learns from
-    crops: int = 256  # of 128 x 128 px in a step of the detector's networks
     backend: str = "inductor"  # of torch.compile
-    figures: tuple[str, ...] = ()  # further words of the command
     slowness: float = 1.0  # of the machine: what the sections' limits are times
 
 
@@ -89,10 +83,7 @@ DRY = Settings(
     full_frames=2,
     full_batch=2,
     copied_bytes=1 << 10,
-    leds=256,
-    crops=2,
     backend="eager",
-    figures=("--cfg", "job"),  # check the words, and do nothing
     slowness=10.0,
 )
 
@@ -316,57 +307,6 @@ def receiver(settings: Settings) -> Iterator[Row]:
     yield {"what": "resident", "value": f"{share:.4g}", "unit": "of the bandwidth"}
 
 
-def figures(settings: Settings) -> Iterator[Row]:
-    """Time the paper's figures, the whole command."""
-    with tempfile.TemporaryDirectory() as folder:
-        words = ["task=figures", f"device={settings.device}", f"hydra.run.dir={folder}"]
-        command = [sys.executable, "-m", "vocc_torch", *words, *settings.figures]
-        begin = time.perf_counter()
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, check=False
-        )
-        spent = time.perf_counter() - begin
-    note = f"status {done.returncode} {done.stderr.strip()[-200:]}"
-    yield {"what": "task=figures", "value": f"{spent:.4g}", "unit": "s", "note": note}
-
-
-def training(settings: Settings) -> Iterator[Row]:
-    """Time the training of the mlp and of the detector's networks."""
-    from vocc_torch.receiver.detector.judge import Judge
-    from vocc_torch.receiver.detector.scout import Scout
-
-    device = torch.device(settings.device)
-    rows = torch.rand(settings.leds, 3, device=device)
-    target = (rows[:, 0] > 0.5).float()
-    mlp, recipe = Mlp(3).to(device), TrainingRecipe(epochs=2)
-    begin = time.perf_counter()
-    train_module(mlp, mlp, [rows, target, rows[:64], target[:64]], recipe)
-    synchronize(settings.device)
-    rate = 2 * settings.leds / SHAPE.leds / (time.perf_counter() - begin)
-    yield {"what": "mlp", "value": f"{rate:.5g}", "unit": "panels/s"}
-    grey = torch.rand(settings.crops, 1, 128, 128, device=device)
-    scout, judge = Scout().to(device), Judge().to(device)
-    forwards: dict[str, tuple[nn.Module, Callable[[], torch.Tensor]]] = {
-        "scout": (scout, lambda: scout(grey).square().mean()),
-        "judge": (judge, lambda: judge(grey[:, 0, :48, :48])[0].mean()),
-    }
-    for name, (network, loss) in forwards.items():
-        optimiser = torch.optim.AdamW(network.parameters())
-
-        def step(
-            loss: Callable[[], torch.Tensor] = loss,
-            optimiser: torch.optim.Optimizer = optimiser,
-        ) -> None:
-            optimiser.zero_grad()
-            torch.autograd.backward(loss())
-            optimiser.step()
-
-        times = interleaved({name: step}, settings.rounds, device)
-        rate = settings.crops / median_of(times[name]).value
-        about = {"what": name, "batch": settings.crops}
-        yield about | {"value": f"{rate:.5g}", "unit": "crops/s"}
-
-
 @torch.inference_mode()
 def memory(settings: Settings) -> Iterator[Row]:
     """Measure the peak memory of the link by batch."""
@@ -415,9 +355,7 @@ SECTIONS: dict[str, tuple[Callable[[Settings], Iterator[Row]], float]] = {
     "link": (link, 100.0),
     "receiver": (receiver, 60.0),
     "tests": (tests, 60.0),
-    "figures": (figures, 45.0),
     "memory": (memory, 30.0),
-    "training": (training, 30.0),
     "compiled": (compiled, 40.0),
 }
 """What is measured, in order of weight, and for how many seconds at most."""

@@ -130,6 +130,17 @@ def with_workers(receiver: Receiver, rounds: int, batch: int) -> list[float]:
     return spent[1:]
 
 
+def show(
+    columns: tuple[str, ...], rows: list[tuple[str, ...]], path: Path | None
+) -> None:
+    """Print a table, and write it where a file is named."""
+    for row in (columns, *rows):
+        print(" | ".join(row))
+    if path:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows([columns, *rows])
+
+
 def main() -> None:
     """Measure, print and write."""
     parser = argparse.ArgumentParser(description="The link against OpenCV.")
@@ -170,17 +181,13 @@ def main() -> None:
         ratio = f"{baseline / median.value:.2f}"
         rows.append((name, *(f"{rate:.0f}" for rate in rates), ratio))
     print(f"{describe_machine(torch.device('cpu'))}, OpenCV {cv2.__version__}")
-    for row in (COLUMNS, *rows):
-        print(" | ".join(row))
+    show(COLUMNS, rows, args.csv)
     first = next(iter(calls.values()))()
     for name, run in calls.items():
         decoded = run()
         equal = (decoded[: len(first)] == first).mean()
         wrong = (decoded != bits[: len(decoded)].numpy()).mean()
         print(f"{name}: bits equal to OpenCV's {equal:.5f}, bit errors {wrong:.1e}")
-    if args.csv:
-        with args.csv.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
 
 
 if __name__ == "__main__":

@@ -1,17 +1,15 @@
 """Live latency: films played at the pace of a camera into ``vocc-torch task=decode input=-``.
 
 Each frame is written into the pipe when a camera would take it. ``ms`` is the latency that the command states,
-``printed_ms`` the time from there until the frame's line is printed, waits in pipe and container included.
-Without films, two of 1280 x 720 px are drawn: the photographed panel of ``tests/data``, 260 px wide on grey
-(``easy``) and 56 px wide before another photograph (``hard``).
+``printed_ms`` the time from when the frame is due until its line is printed, waits in pipe and container included.
+Two films of 1280 x 720 px are drawn: the photographed panel of ``tests/data``, 260 px wide on grey (``easy``) and
+56 px wide before another photograph (``hard``).
 
     python benchmarks/live.py --csv docs/results/live.csv
-    python benchmarks/live.py FILM.mp4 --fps 25 --options decode.newest=false
 """
 
 import argparse
 import csv
-import io
 import os
 import re
 import subprocess
@@ -20,6 +18,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
+from typing import IO
 
 import av
 import numpy as np
@@ -27,17 +26,17 @@ from PIL import Image
 
 DATA = Path(__file__).resolve().parents[1] / "tests/data"
 SIZE = 1280, 720
-FRAMES = 600
+FPS = 30, 60
 TURN_FRAMES = 180
 PANEL_PX = {"easy": 260, "hard": 56}
-COLUMNS = ("film", "fps", "options", "frames", "read")
-COLUMNS += ("ms", "ms_95", "printed_ms", "printed_ms_95")
+OPTION = "decode.newest=true"
 
 
-def drawn(path: Path, panel_px: int, is_hard: bool) -> Path:
-    """Encode a film in which the panel drifts by a few pixels a frame."""
+def drawn(path: Path, frames: int) -> Path:
+    """Encode a film, named by its difficulty, in which the panel drifts by a few pixels a frame."""
+    panel_px = PANEL_PX[path.stem]
     background = Image.new("RGB", SIZE, (90, 90, 90))
-    if is_hard:
+    if path.stem == "hard":
         desk = Image.open(DATA / "led-matrix-8x16-desk.jpg").convert("RGB")
         background = desk.crop((0, 0, desk.width, desk.height // 2)).resize(SIZE)
     photo = Image.open(DATA / "led-panel-8x8-photo.png").convert("RGB")
@@ -47,7 +46,7 @@ def drawn(path: Path, panel_px: int, is_hard: bool) -> Path:
             "libx264", rate=30, options={"tune": "zerolatency"}
         )
         stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
-        for number in range(FRAMES):
+        for number in range(frames):
             angle = 2 * np.pi * number / TURN_FRAMES
             shift = np.array([np.cos(angle), np.sin(angle)]) * 100
             place = np.rint(np.array(SIZE) / 2 + shift - panel_px / 2).astype(int)
@@ -58,46 +57,26 @@ def drawn(path: Path, panel_px: int, is_hard: bool) -> Path:
     return path
 
 
-class Player(io.RawIOBase):
-    """A pipe's end that remembers when each frame was due."""
-
-    def __init__(self, pipe: io.BufferedWriter, fps: float) -> None:
-        self.pipe = pipe
-        self.fps = fps
-        self.due_s: list[float] = []
-
-    def writable(self) -> bool:
-        """Say that it is written to."""
-        return True
-
-    def write(self, part: bytes) -> int:  # type: ignore[override]
-        """Pass bytes on at once."""
-        self.pipe.write(part)
-        self.pipe.flush()
-        return len(part)
-
-    def play(self, film: Path) -> None:
-        """Copy a film's packets into the pipe as MPEG-TS, at this pace from now on."""
-        options = {"flush_packets": "1"}
-        with (
-            av.open(str(film)) as source,
-            av.open(self, "w", format="mpegts", options=options) as sink,
-        ):
-            stream = source.streams.video[0]
-            copy = sink.add_stream_from_template(stream)
-            begun_s = time.monotonic()
-            for number, packet in enumerate(source.demux(stream)):
-                if packet.dts is None:
-                    break
-                due_s = begun_s + number / self.fps
-                time.sleep(max(0.0, due_s - time.monotonic()))
-                self.due_s.append(due_s)
-                packet.stream = copy
-                sink.mux(packet)
-        self.pipe.close()
+def play(film: Path, fps: int, pipe: IO[bytes], due_s: list[float]) -> None:
+    """Copy a film's packets into a pipe as MPEG-TS, and note when each is due."""
+    with (
+        av.open(str(film)) as source,
+        av.open(pipe, "w", format="mpegts", options={"flush_packets": "1"}) as sink,
+    ):
+        stream = source.streams.video[0]
+        copy = sink.add_stream_from_template(stream)
+        begun_s = time.monotonic()
+        for number, packet in enumerate(source.demux(stream)):
+            if packet.dts is None:
+                break
+            due_s.append(begun_s + number / fps)
+            time.sleep(max(0.0, due_s[-1] - time.monotonic()))
+            packet.stream = copy
+            sink.mux(packet)
+    pipe.close()
 
 
-def played(film: Path, fps: float, options: list[str]) -> dict[str, object]:
+def played(film: Path, fps: int) -> dict[str, object]:
     """Play a film into the command; give frames read and latencies from due time to printed line.
 
     Frames that are due before the command prints its first line, while it starts, are left out.
@@ -105,7 +84,8 @@ def played(film: Path, fps: float, options: list[str]) -> dict[str, object]:
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "vocc_torch", "task=decode", "input=-"]
         run = subprocess.Popen(
-            [*command, "name=live", *options],
+            [*command, "name=live", OPTION],
+            bufsize=0,
             cwd=folder,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -113,8 +93,9 @@ def played(film: Path, fps: float, options: list[str]) -> dict[str, object]:
         )
         assert run.stdin is not None
         assert run.stdout is not None
-        player = Player(run.stdin, fps)
-        threading.Thread(target=player.play, args=[film], daemon=True).start()
+        due_s: list[float] = []
+        given = film, fps, run.stdin, due_s
+        threading.Thread(target=play, args=given, daemon=True).start()
         lines = [(line.decode(), time.monotonic()) for line in run.stdout]
         if run.wait() != 0:
             raise SystemExit(f"the command ended with status {run.returncode}")
@@ -122,9 +103,9 @@ def played(film: Path, fps: float, options: list[str]) -> dict[str, object]:
             rows = list(csv.DictReader(file))
     printed_s = [at for line, at in lines if " s  " in line[:14]]
     places = [int(row["frame"]) for row in rows]
-    first = int(np.searchsorted(player.due_s, printed_s[0]))
+    first = int(np.searchsorted(due_s, printed_s[0]))
     late = [
-        at - player.due_s[place]
+        at - due_s[place]
         for place, at in zip(places, printed_s, strict=True)
         if place >= first
     ]
@@ -133,9 +114,9 @@ def played(film: Path, fps: float, options: list[str]) -> dict[str, object]:
     median, high = 1000 * np.quantile(late, [0.5, 0.95])
     return {
         "film": film.stem,
-        "fps": f"{fps:g}",
-        "options": " ".join(options),
-        "frames": len(player.due_s) - first,
+        "fps": fps,
+        "options": OPTION,
+        "frames": len(due_s) - first,
         "read": len(late),
         "ms": stated[0],
         "ms_95": stated[1],
@@ -147,24 +128,19 @@ def played(film: Path, fps: float, options: list[str]) -> dict[str, object]:
 def main() -> None:
     """Play each film at each pace."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("films", nargs="*", type=Path)
-    parser.add_argument("--fps", nargs="*", type=float, default=[30, 60])
-    parser.add_argument("--options", nargs="*", default=["decode.newest=true"])
+    parser.add_argument("--frames", type=int, default=600, help="of each film")
     parser.add_argument("--csv", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        films = given.films or [
-            drawn(Path(folder) / f"{name}.mp4", width, name == "hard")
-            for name, width in PANEL_PX.items()
-        ]
         rows = []
-        for film in films:
-            for fps in given.fps:
-                rows.append(played(film, fps, given.options))
+        for name in PANEL_PX:
+            film = drawn(Path(folder) / f"{name}.mp4", given.frames)
+            for fps in FPS:
+                rows.append(played(film, fps))
                 print(*rows[-1].values())
     if given.csv:
         with given.csv.open("w", newline="") as file:
-            table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            table = csv.DictWriter(file, rows[0], lineterminator="\n")
             table.writeheader()
             table.writerows(rows)
 

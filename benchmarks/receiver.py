@@ -9,15 +9,13 @@ OpenCV program (``peer_read.py``) locates with the paper's steps and reads a fra
 from __future__ import annotations
 
 import argparse
-import csv
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 import cv2
 import torch
-from link import NEAREST_M, SHAPE, features_of, scenes, train
+from link import NEAREST_M, SHAPE, features_of, scenes, show, train
 from peer_read import read_bits
 from peer_render import PeerConfig
 from torch import Tensor
@@ -109,9 +107,6 @@ def main() -> None:
     parser.add_argument("--batches", type=int, nargs="+", default=[1, 8, 32])
     parser.add_argument("--compared", type=int, default=256, help="frames, untimed")
     parser.add_argument("--csv", type=Path, help="where the rows are written")
-    parser.add_argument(
-        "--processor-time", action="store_true", help="for a busy machine"
-    )
     args = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
@@ -119,9 +114,8 @@ def main() -> None:
     # Frames of their own, not views of what the simulator keeps.
     grey = torch.cat([frames.clone() for _, frames in rendered("timed", args.frames)])
     calls = calls_of(receiver, grey, args.batches)
-    clock = time.process_time if args.processor_time else time.perf_counter
     named = {str(number): call for number, call in enumerate(calls.values())}
-    timed = interleaved(named, args.rounds, torch.device("cpu"), clock=clock)
+    timed = interleaved(named, args.rounds, torch.device("cpu"))
     medians = {
         key: median_of([1e3 * seconds / len(grey) for seconds in timing])
         for key, timing in zip(calls, timed.values(), strict=True)
@@ -132,15 +126,10 @@ def main() -> None:
         times = f"{opencv_ms / ms.value:.2f}" if stage == "all" else ""
         ends = (f"{value:.4g}" for value in (ms.value, ms.low, ms.high))
         rows.append((program, str(batch), stage, *ends, times))
-    clock_name = "processor time" if args.processor_time else "clock"
     machine = describe_machine(torch.device("cpu"))
-    print(f"{machine}, OpenCV {cv2.__version__}, {clock_name}, {args.rounds} rounds")
-    for row in (COLUMNS, *rows):
-        print(" | ".join(row))
+    print(f"{machine}, OpenCV {cv2.__version__}, {args.rounds} rounds")
+    show(COLUMNS, rows, args.csv)
     print(agreement(receiver, args.compared))
-    if args.csv:
-        with args.csv.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Every shipped classifier, trained on the paper's scenes, in every shipped scene and on real pictures.
+"""Every shipped classifier, trained on the paper's scenes, in every shipped scene and by LEDs that are On.
 
     python benchmarks/receivers_by_scene.py
 
@@ -9,13 +9,10 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 import time
 from pathlib import Path
 
-import numpy as np
 import torch
-from kornia.geometry import get_perspective_transform, transform_points
 
 import vocc_torch as vt
 from vocc_torch.measure.counts import half_errors
@@ -25,12 +22,9 @@ from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
-from vocc_torch.recordings.reading import read_recording
 from vocc_torch.rng import FrameKey
-from vocc_torch.types import Frames, Panels, PanelShape
 
 ROOT = Path(__file__).resolve().parent.parent
-PICTURES = ROOT / "tests" / "data"
 SCENES = ("paper", "highway", "dashcam", "night", "tunnel", "low_sun", "fog")
 LAST = ("mlp_features", "cnn", "mlp")
 """The dear ones."""
@@ -53,9 +47,7 @@ LIT = (0, 1, 4, 16, 48, 60, 63, 64)
 """LEDs of the panel's 64 that are On."""
 TABLES = {
     "receivers_by_scene": "scene corners receiver frames found bit_errors ber ber_low ber_high ece_raw ece",
-    "receivers_on_pictures": "picture channel corners receiver found leds wrong expected",
     "receivers_by_lit": "scene lit receiver bits wrong",
-    "reliability": "scene receiver bin leds stated wrong",
 }
 Rows, Receivers = list[list[object]], dict[str, Receiver]
 
@@ -118,11 +110,10 @@ def trained(models: Path) -> dict[str, Receiver]:
     return {name: Receiver.load(models / f"{name}.pt", ["sklearn"]) for name in names}
 
 
-def count(
-    receivers: Receivers, scene: str, corners: list[str], frames: int
-) -> tuple[Rows, Rows]:
-    """Give the rows of a scene, and those of its reliability, all receivers on the same frames."""
-    world, tables = vt.load_scene(scene), ([], [])
+def count(receivers: Receivers, scene: str, corners: list[str], frames: int) -> Rows:
+    """Give the rows of a scene, all receivers on the same frames."""
+    world = vt.load_scene(scene)
+    rows = []
     link = Link(world.simulator(), None, Reader(world.panel.shape))
     sent, found = [], {at: [] for at in corners}
     scores = {(at, name): [] for at in corners for name in receivers}
@@ -159,26 +150,8 @@ def count(
             rate.low,
             rate.high,
         ]
-        tables[0].append([*row, errors, calibration_error(ratios, bits[there])])
-        if at == "truth":
-            tables[1].extend(
-                [scene, name, *one] for one in reliability(ratios, bits[there])
-            )
-    return tables
-
-
-def reliability(
-    ratios: torch.Tensor, bits: torch.Tensor
-) -> list[tuple[int, int, float, int]]:
-    """Give by the stated probability of a wrong bit, two bins a decade: LEDs, mean stated, wrong bits."""
-    stated = torch.sigmoid(-ratios.abs()).flatten().numpy()
-    wrong = ((ratios >= 0) != bits).flatten().numpy()
-    place = np.floor(2 * np.log10(stated)).astype(int)
-    bins = ((int(one), place == one) for one in np.unique(place))
-    return [
-        (one, int(own.sum()), float(stated[own].mean()), int(wrong[own].sum()))
-        for one, own in bins
-    ]
+        rows.append([*row, errors, calibration_error(ratios, bits[there])])
+    return rows
 
 
 def of_lit(receivers: Receivers, scene: str, lit: int, frames: int = 64) -> Rows:
@@ -206,64 +179,10 @@ def of_lit(receivers: Receivers, scene: str, lit: int, frames: int = 64) -> Rows
     ]
 
 
-def panel_corners(centres: list[list[float]], shape: PanelShape) -> torch.Tensor:
-    """Turn the centres of the corner LEDs into the panel's corners (1,4,2): half a pitch outwards.
-
-    Args:
-        centres: px, clockwise from the top left, pixel centres at whole numbers.
-        shape: of the panel.
-    """
-    right, down = float(shape.columns), float(shape.rows)
-    inner = torch.tensor(
-        [[0.5, 0.5], [right - 0.5, 0.5], [right - 0.5, down - 0.5], [0.5, down - 0.5]]
-    )
-    outer = torch.tensor([[0.0, 0.0], [right, 0.0], [right, down], [0.0, down]])
-    seen = torch.tensor(centres, dtype=torch.float64)[None] + 0.5
-    homography = get_perspective_transform(inner[None].double(), seen)
-    return transform_points(homography, outer[None].double())
-
-
-def on_picture(receivers: Receivers, name: str, channel: str, corners: str) -> Rows:
-    """Give the rows of a picture: found, LEDs, wrong bits and how many the receiver expects wrong."""
-    told = json.loads((PICTURES / "pictures.json").read_text(encoding="utf-8"))[name]
-    shape = PanelShape(told["rows"], told["columns"])
-    bits = torch.tensor([[bit == "1" for bit in row] for row in told["bits"]])
-    (picture,) = read_recording(PICTURES / name, channel)
-    frame = Frames.of(torch.tensor(picture.grey)[None], "picture")
-    locator, rows = CORNERS[corners], []
-    known = (
-        Panels.known(panel_corners(told["corner_led_centres_px"], shape))
-        if locator is None
-        else None
-    )
-    for one, receiver in receivers.items():
-        # No classifier is bound to the 8 x 8 LEDs that it was trained on.
-        parts = receiver.classifier, receiver.calibration, receiver.trained_on
-        with torch.inference_mode():
-            read = Receiver(one, locator or CORNERS["paper"], Reader(shape), *parts)(
-                frame, known
-            )
-        wrong = int((read.bits[0] != bits).sum()) if read.found[0] else ""
-        expected = float(torch.sigmoid(-read.llr.abs()).sum()) if read.found[0] else ""
-        rows.append(
-            [
-                name,
-                channel,
-                corners,
-                one,
-                int(read.found[0]),
-                shape.leds,
-                wrong,
-                expected,
-            ]
-        )
-    return rows
-
-
 def main() -> None:
     """Train, count and write, what is not there yet."""
     parser = argparse.ArgumentParser(
-        description="Receivers by scene and on real pictures."
+        description="Receivers by scene and by LEDs that are On."
     )
     parser.add_argument(
         "--frames", type=int, default=2048, help="of each scene at the true corners"
@@ -277,11 +196,7 @@ def main() -> None:
     torch.set_num_threads(1)
     given.models.mkdir(parents=True, exist_ok=True)
     receivers = trained(given.models)
-    scenes, pictures, shares, bins = (Table(given.results, name) for name in TABLES)
-    for name in json.loads((PICTURES / "pictures.json").read_text(encoding="utf-8")):
-        for channel, corners in ((a, b) for a in ("luma", "max") for b in CORNERS):
-            if not pictures.has(name, channel, corners):
-                pictures.add(on_picture(receivers, name, channel, corners))
+    scenes, shares = (Table(given.results, name) for name in TABLES)
     for scene, lit in (
         (a, b) for a in SCENES for b in LIT if not shares.has(a, str(b))
     ):
@@ -291,9 +206,7 @@ def main() -> None:
         (["paper", "refined"], given.located),
     ):
         for scene in (one for one in SCENES if not scenes.has(one, corners[0])):
-            rows, reliable = count(receivers, scene, corners, frames)
-            bins.add(reliable)
-            scenes.add(rows)
+            scenes.add(count(receivers, scene, corners, frames))
             print(f"{scene}, {corners}", flush=True)
 
 
