@@ -109,7 +109,7 @@ def played(film: Path, fps: int) -> dict[str, object]:
         for place, at in zip(places, printed_s, strict=True)
         if place >= first
     ]
-    (summary,) = (line for line, _ in lines if "frames show a panel" in line)
+    (summary,) = (line for line, _ in lines if "panel found in" in line)
     (stated,) = re.findall(r"latency (\d+) ms, (\d+) ms", summary)
     median, high = 1000 * np.quantile(late, [0.5, 0.95])
     return {

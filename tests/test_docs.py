@@ -43,6 +43,16 @@ def test_links_and_pictures_exist(page):
         assert not anchor or anchor in anchors(path), f"{target}#{anchor}"
 
 
+def test_a_run_name_stands_on_one_page():
+    """A second command under the name of another run would be refused; the first run is on two pages."""
+    pages = {}
+    for page in PAGES:
+        code = "".join(re.findall(r"```bash\n(.*?)```", page.read_text("utf-8"), re.S))
+        for name in re.findall(r"\bname=(\w+)", code):
+            pages.setdefault(name, set()).add(page.name)
+    assert [name for name in pages if len(pages[name]) > 1] == ["first"]
+
+
 @pytest.mark.parametrize("name", ["api", "columns", "effects", "keys"])
 def test_the_reference_is_what_the_code_says(name):
     """Run ``python docs/make_reference.py`` where this fails."""

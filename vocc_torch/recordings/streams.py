@@ -2,6 +2,7 @@
 
 import os
 import queue
+import re
 import sys
 import threading
 import time
@@ -25,6 +26,8 @@ CAMERA_DRIVERS = {
 SHORT_PROBE = {"fpsprobesize": "0"}
 """No frames are gathered to find the rate: MPEG-TS opens 20 frames sooner."""
 CONNECT_TIMEOUT_S = 10.0
+UNHELPFUL = re.compile(r"^\[Errno \d+\] |: '<none>'$")
+"""FFmpeg's own error number, and its name for standard input."""
 
 
 def is_stream(source: str) -> bool:
@@ -64,7 +67,7 @@ def opened(source: str) -> Any:
             options["rtsp_transport"] = "tcp"
         return av.open(source, options=options, timeout=CONNECT_TIMEOUT_S)
     except (av.error.FFmpegError, OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
+        reason = UNHELPFUL.sub("", " ".join(str(error).split()))
         if (
             source.startswith(ADDRESSES)
             and time.monotonic() - begun > CONNECT_TIMEOUT_S

@@ -164,7 +164,7 @@ def decoded(block: Block, layout: Layout) -> Iterator[Received]:
         if packet is not None and info is not None:
             corrected = int(((word >= 0) != layout.code.encode([info])[0]).sum())
         elif unseen > UNSEEN:
-            why = f"no frame showed {unseen:.0%} of its bits clearly"
+            why = f"no frame showed {100 * unseen:.0f} % of its bits clearly"
         else:
             why = "too many wrong bits" if info is None else "its checksum does not fit"
         mean = float(frames_of_word.mean())

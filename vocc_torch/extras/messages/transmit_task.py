@@ -74,11 +74,13 @@ def costs(plan: MessagePlan) -> list[str]:
     cells = layout.symbols * plan.shape.leds
     info = 8 * layout.packets * code.info_bytes
     shares = {
-        "anchors": layout.shares["anchor"],
-        f"clock cells of {options.bands} bands": layout.shares["clock"],
-        "sync cells": layout.shares["sync"],
-        "rest of a block": layout.shares["data"] - words / cells,
-        f"code {options.code}": (words - info) / cells,
+        "anchors, corner LEDs that are always On": layout.shares["anchor"],
+        f"clock cells, one in each of {options.bands} bands of rows": layout.shares[
+            "clock"
+        ],
+        "sync cells, which number the symbols of a block": layout.shares["sync"],
+        "unused rest of a block": layout.shares["data"] - words / cells,
+        f"redundancy of the code {options.code}": (words - info) / cells,
         f"headers and checksums, {OVERHEAD_BYTES} bytes a packet": 8
         * layout.packets
         * OVERHEAD_BYTES

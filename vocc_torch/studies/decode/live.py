@@ -18,7 +18,7 @@ MS_PER_S = 1000
 
 
 def summarised(summary: Summary, latencies_s: Sequence[float], dropped: int) -> str:
-    """Say in one line how many frames show a panel, and how long they took.
+    """Say in one line in how many frames a panel was found, and the latency.
 
     Args:
         summary: of the frames that were read.
@@ -27,9 +27,9 @@ def summarised(summary: Summary, latencies_s: Sequence[float], dropped: int) -> 
 
     Example:
         >>> summarised(Summary(frames=3, shown=2), [0.01, 0.02, 0.03], 1)
-        '2 of 3 frames show a panel; latency 20 ms, 29 ms at the 95th percentile; 1 frames dropped'
+        'panel found in 2 of 3 frames; latency 20 ms, 29 ms at the 95th percentile; 1 frames dropped'
     """
-    text = f"{summary.shown} of {summary.frames} frames show a panel"
+    text = f"panel found in {summary.shown} of {summary.frames} frames"
     if latencies_s:
         median, high = MS_PER_S * np.quantile(latencies_s, [0.5, 0.95])
         text += f"; latency {median:.0f} ms, {high:.0f} ms at the 95th percentile"

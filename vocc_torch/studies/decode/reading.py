@@ -103,9 +103,7 @@ class Reading:
         doubt = ", may be no panel" if self.is_doubtful else ""
         doubt += ", LEDs look alike" * self.one_level
         others = (
-            f"; {self.candidates} blobs could have been the panel"
-            if self.candidates > 1
-            else ""
+            f"; best of {self.candidates} candidates" if self.candidates > 1 else ""
         )
         if not math.isnan(self.false_alarms):
             others = f"; {self.false_alarms:.2g} false alarms expected per frame without a panel"

@@ -56,7 +56,7 @@ class ShapeChoice(NamedTuple):
         )
         rate, rival = f"{self.false_alarms:.2g}", f"{self.rival_alarms:.2g}"
         if self.is_sure:
-            return f"panel is {first}: {rate} expected false alarms, next {second} with {rival}"
+            return f"panel is {first} ({rate} expected false alarms); next is {second} ({rival})"
         return (
             f"panel may be {first} ({rate} expected false alarms) or {second} ({rival}): "
             "give panel.rows and panel.columns"

@@ -28,7 +28,7 @@ class Summary:
     Args:
         best: the reading with the largest least margin.
         frames: how many frames there are.
-        shown: how many of them show a panel.
+        shown: how many of them have a panel that was found.
         found: panels that were read, in each colour; the next three are counted among them.
         doubtful: how many may be no panel.
         alike: how many have LEDs of one level.
@@ -94,7 +94,7 @@ class Summary:
             for bits in self.best.bits
         ]
         judged = (
-            f"{self.best.judged}; {self.shown} of {self.frames} frames show a panel"
+            f"{self.best.judged}; panel found in {self.shown} of {self.frames} frames"
         )
         judged += f", {self.found} readings" * (self.found > self.shown)
         if self.most > most:
@@ -124,7 +124,7 @@ class Summary:
         expected, frames = self.least_alarms * self.frames, self.frames
         if not expected < BY_CHANCE or not is_adjustable(receiver.locator):
             tries = ["check panel.rows and panel.columns", *tries]
-            return "no candidate is sure enough: " + ", or try ".join(tries)
+            return "no candidate is enough like a panel: " + ", or try ".join(tries)
         step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
         enough = (
             f"receiver.false_alarms={math.ceil(self.least_alarms / step) * step:.2g}"
