@@ -239,3 +239,8 @@ def test_turned_frames_are_those_of_pillow(frames, turn, mirror):
         shown = shown.transpose(Image.Transpose.FLIP_LEFT_RIGHT)
     assert np.array_equal(frame.grey, np.asarray(shown))
     assert np.array_equal(frame.colour[..., 1], frame.grey)
+
+
+def test_a_frame_prints_without_its_pixels():
+    (frame,) = read_array(np.zeros((40, 50), np.uint8), "luma")
+    assert "[[" not in repr(frame)

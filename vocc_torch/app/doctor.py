@@ -155,4 +155,4 @@ def decoding() -> Iterator[Check]:
     times = ", ".join(
         f"{name} {1000 * taken:.0f} ms" for name, taken in watch.seconds.items()
     )
-    yield Check("times", True, f"{times} for a frame of 1920 x 1080")
+    yield Check("times", True, f"{times} for the first frame of 1920 x 1080")

@@ -1,7 +1,7 @@
 """A recorded frame, and how colour, bit depth and the camera's position become one plane of greys."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from PIL import Image
@@ -47,8 +47,8 @@ class RecordedFrame:
     source: str
     index: int
     time_s: float | None
-    colour: Bytes
-    grey: Bytes
+    colour: Bytes = field(repr=False)
+    grey: Bytes = field(repr=False)
     light: str = ""
     note: str = ""
     arrived_s: float | None = None
