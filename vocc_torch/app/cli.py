@@ -43,14 +43,14 @@ OUT_OF_MEMORY = "not enough memory: give a smaller batch_frames, or a camera and
 
 
 class ReaderGoneError(BaseException):
-    """Nobody reads the output any more; Hydra passes it on without a word."""
+    """The output's reader is gone; Hydra passes this exception on silently."""
 
 
 def complain(message: str) -> None:
-    """Print a user's mistake in one line."""
-    # On a full disk nobody can be told, but by the exit status.
+    """Print a user's mistake in one line on standard error."""
+    # On a full disk only the exit status can report it.
     with contextlib.suppress(OSError):
-        # In one piece, for jobs that complain at the same time.
+        # In one write, because several jobs may print at the same time.
         sys.stderr.write(
             f"vocc-torch: error: {printable(' '.join(message.splitlines()))}\n"
         )
@@ -58,7 +58,7 @@ def complain(message: str) -> None:
 
 @contextlib.contextmanager
 def terminal_lines() -> Iterator[None]:
-    """Print each warning in one line, once, and escape what the terminal has no characters for."""
+    """Print each warning once, in one line, and escape characters that the terminal cannot show."""
     said: set[str] = set()
 
     def show(message: Warning | str, *_: object, **__: object) -> None:

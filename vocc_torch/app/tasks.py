@@ -12,14 +12,14 @@ from vocc_torch.errors import demand_word
 
 @dataclass
 class Task:
-    """What the command line knows of a task.
+    """A task of the command line.
 
     Args:
         run: its function, below ``vocc_torch``.
         keys: keys and sections of its configuration in nested lists, such as ``receiver -names``.
-        part: the section that is its own, or None.
-        brought: keys that a model file sets in their stead, likewise.
-        resumed: what a folder holds in which it can go on, as a pattern; empty for nothing.
+        part: the section that only this task has, or None.
+        brought: keys whose values a model file gives, in the same form.
+        resumed: pattern of a file in a folder that the task can resume; empty for none.
     """
 
     run: str
@@ -29,7 +29,7 @@ class Task:
     resumed: str = ""
 
     def __post_init__(self) -> None:
-        """Lay nested lists out, and add what every task has."""
+        """Flatten nested lists, and add the keys that every task has."""
         self.keys, self.brought = (
             ["task", "name", *flat(self.keys)],
             [*flat(self.brought)],
@@ -39,7 +39,7 @@ class Task:
 
 
 def flat(entries: Iterable[Any]) -> Iterator[str]:
-    """Give the entries of nested lists."""
+    """Yield the entries of nested lists."""
     for entry in entries:
         if isinstance(entry, list):
             yield from flat(entry)

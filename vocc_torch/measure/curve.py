@@ -25,7 +25,7 @@ class PointKey:
         axis: quantity that varies, with its unit, such as ``distance_m``.
         value: the quantity's value here, finite, in the axis's unit.
         receiver: name of the receiver.
-        locator: where the panel's corners came from: ``truth``, ``paper`` or ``refined``.
+        locator: where the panel's corners came from: ``truth`` or the locator's name.
     """
 
     experiment: str
@@ -160,8 +160,8 @@ class Point(PointKey):
         """Give the point with its bit error rate and the 95 % interval.
 
         Args:
-            errors_per_frame_error: wrong bits that a wrong frame is taken to have where none was seen; the
-                bits of a frame where that is more.
+            errors_per_frame_error: assumed wrong bits of a wrong frame if no frame is wrong; at most the bits of a
+                frame.
 
         Raises:
             VoccError: a value that is not finite.

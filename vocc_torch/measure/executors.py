@@ -1,6 +1,6 @@
 """Executors that count blocks: this process, processes of this machine, a Ray or a Dask cluster.
 
-A call and its result travel as bytes. A worker of another release or of other code of this package refuses.
+Calls and results are sent as bytes. A worker with another release or other code of this package refuses.
 """
 
 import functools
@@ -34,7 +34,7 @@ from vocc_torch.types import resolve_device
 A = TypeVar("A")
 R = TypeVar("R")
 CLUSTERS = {"ray": "ray", "dask": "distributed"}
-"""Executors that may be on other machines, and the package of each."""
+"""Executors that may run on other machines, and the package of each."""
 KINDS = ("auto", "here", "processes", *CLUSTERS)
 
 
@@ -43,24 +43,24 @@ class WorkerLimits:
     """Numbers of workers and waiting times."""
 
     most_workers: int = 256  # more processes than any machine's cores
-    most_by_default: int = 8  # processes where no number was given
+    most_by_default: int = 8  # processes if no number is given
     patience_s: float = (
-        10.0  # processor time after which processes pay: each begins in 3 s
+        10.0  # processor time after which processes pay off: each starts in 3 s
     )
-    connect_s: float = 5.0  # in which something must answer at an address
-    tries: int = 3  # how often a cluster makes a call whose node was lost
+    connect_s: float = 5.0  # time in which an address must answer
+    tries: int = 3  # runs of a call on a cluster whose nodes are lost
 
 
 LIMITS = WorkerLimits()
 
 
 class WorkerPool(NamedTuple):
-    """What makes calls elsewhere.
+    """Runs calls in other processes.
 
     Args:
         submit: hands out :func:`called` with three arguments.
-        slots: gives how many calls are worked on at the same time; nodes may come and go.
-        end: begins no further call; its argument says whether calls under way end at once.
+        slots: gives the number of calls that run at the same time; nodes may come and go.
+        end: starts no further call; its argument says whether running calls are ended at once.
     """
 
     submit: Callable[..., futures.Future[bytes]]
@@ -71,12 +71,12 @@ class WorkerPool(NamedTuple):
 class Workers:
     """An executor behind ``concurrent.futures``: this process with one thread, or others.
 
-    A cluster is joined with the context, processes of this machine begin with the first call for them. All end
-    with the context, and processes also when this process is killed.
+    Entering the context joins a cluster. Processes of this machine start with their first call. All end with the
+    context; processes also end when this process is killed.
 
     Args:
-        count: how many work at the same time, 1 to 256; 0 for as many as this process may use cores; None to
-            begin in this process and go on in one a core, at most 8, once that is quicker.
+        count: number of workers, 1 to 256; 0 takes one per usable core; None starts in this process and adds
+            one per core, at most 8, once that is faster.
         kind: ``here``, ``processes``, ``ray``, ``dask``; ``auto`` is this process for one worker, else
             processes.
         address: of the cluster.
@@ -104,7 +104,7 @@ class Workers:
         by_default = min(cores, LIMITS.most_by_default)
         self.count = by_default if count is None else count or cores
         self._most, self._kind, self._address = count or None, kind, address
-        # Processes begin at once where a number was given.
+        # With a given number processes start at once.
         waits = count is None and self.count > 1
         self._patience_s = LIMITS.patience_s if waits else math.inf
         self._here = kind == "here" or (kind == "auto" and (self.count == 1 or waits))

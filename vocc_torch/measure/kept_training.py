@@ -1,7 +1,7 @@
-"""Trained receivers in a ledger: a run that goes on takes them from there and trains nothing again.
+"""Trained receivers in a ledger: a resumed run reads them and does not train again.
 
-They stand under a key of all that training depends on, as numbers, texts and arrays. Nothing of it is
-executed: a classifier is built from the plan of the run that goes on, and takes up what it had learned.
+Their key holds everything that training depends on. They are stored as numbers, texts and arrays, and no code
+is executed: a classifier is built from the plan of the resumed run, and then loads its stored state.
 """
 
 import json
@@ -28,12 +28,12 @@ from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.model_file import MOST_BYTES, UNFIT, array_of, arrays_as_json
 
 _PLACE = (0, 0)
-"""Block and frames of a row that is no block."""
+"""Block and frames of a row that holds a training."""
 _NUMBERS = ("frames", "missed", "seconds")
 
 
 def find(store: Store, key: str, plan: Plan) -> Training | None:
-    """Give the trained receivers that stand in a ledger, or None where they must be trained.
+    """Give the trained receivers of a ledger, or None if they must be trained.
 
     Args:
         store: the ledger.

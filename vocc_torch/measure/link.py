@@ -20,26 +20,25 @@ MOST_SAMPLES = 1 << 26
 """Most samples of rectified panels in a batch: 512 MiB where frames are float64."""
 
 MOST_OFF_CELLS = 0.25
-"""How far a located corner may be off, in cells: features are those of the right LED up to about there."""
+"""How far a located corner may be off, in cells: up to there features belong to the right LED."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """One batch of B frames as a study sees it: the truth, the frames, and where a locator found the panel.
+    """One batch of B frames in a study: the ground truth, the frames, and where a locator found the panel.
 
-    Frames are measured when they are first asked for, so a receiver that measures in its own way pays for
-    nothing else.
+    Readings are computed on first use, so a receiver with its own measurement causes no other.
 
     Args:
         scene: the scenes.
         bits: (B,R,C) bool, what was sent.
         panels: where the panel was located.
-        takes: the frames; where they were asked for, the all-On and the all-Off frames of the same scenes.
+        takes: the frames; with preambles also the all-On and the all-Off frames of the same scenes.
         reader: measures the LEDs.
-        truth: gives the true panels; no receiver may call it.
-        preamble_panels: where the panel was located in each further take; empty reads them at ``panels``.
+        truth: gives the true panels; receivers must not call it.
+        preamble_panels: where the panel was located in each preamble; empty reads preambles at ``panels``.
     """
 
     scene: Scene
@@ -75,7 +74,7 @@ class Observation:
 
     @property
     def preambles(self) -> Preambles | None:
-        """Grey levels of the preambles, where they were rendered."""
+        """Grey levels of the preambles, if they were rendered."""
         return Preambles(*self._read[1]) if len(self.takes) > 1 else None
 
 

@@ -2,7 +2,7 @@
 
 A study describes each of its points as a :class:`Job`: which scenes, which locators, which receivers.
 :func:`count` hands its blocks out, records each in the store as it comes back, and adds them in index order
-until the stop rule holds; neither workers nor batches nor an interruption change an outcome.
+until the stop rule holds. Workers, batches and interruptions do not change the outcome.
 """
 
 import itertools
@@ -33,7 +33,7 @@ FIRST_LOOK_BLOCKS = 16
 """Blocks between looks at the precision, at first; later a sixteenth of the blocks so far."""
 
 Tallies: TypeAlias = Mapping[tuple[Key, int], Counts]
-"""Errors by whose they are and by the group of frames: a contrast bin, 0 where frames are not sorted."""
+"""Errors by receiver and group of frames: a contrast bin, or 0 if frames are not sorted."""
 
 
 class Part(NamedTuple):

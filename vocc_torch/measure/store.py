@@ -1,7 +1,7 @@
 """The store of a run: an SQLite file that is ledger, result and checkpoint.
 
-It has a row for each block of a point that was counted, and for what was trained. A run that is killed at any
-moment and started again takes both from there, and ends with the numbers of a run that nobody disturbed.
+It has a row for each counted block of a point and for each training. A run that is killed at any moment and
+started again reads both, and ends with the numbers of an undisturbed run.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ SUFFIX = ".sqlite"
 _APPLICATION = int.from_bytes(b"vocc", "big")
 _LEAST_BYTES = 512  # of an SQLite file; shorter ones SQLite takes for empty
 _FORMAT = 3
-"""Of the tables; another one is refused."""
+"""Version of the tables; other versions are refused."""
 _TABLES = (
     "CREATE TABLE identity (settings TEXT, package TEXT)",
     "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, content BLOB, digest TEXT, "
@@ -37,22 +37,22 @@ _DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything a
 _LONGEST = 200
 """Most characters of a refusal, unless the path is very long."""
 _UNSAID = r"^(world|made_with)\.|\.(plug_in|arguments|maker|files)\b"
-"""Parts of a setting's place that say nothing to its user."""
+"""Parts of a setting's path that mean nothing to its user."""
 _BUSY = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 _FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
 _REFUSED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
 
 
 class Store(AbstractContextManager["Store"]):
-    """An open store, which nobody else can open until it is closed.
+    """An open store. No other run can open it until it is closed.
 
-    A row belongs to a point, a block and the number of the block's frames that were used: where a budget
-    ended in the middle of a block and a later run needs more of it, the block is counted again and the longer
-    row is added; the shorter one stays and is used again by a run of the smaller budget. Each row has a
-    checksum, which holds the settings too, so that a changed row and one of another run are known.
+    The key of a row is a point, a block and the number of frames that were used of the block. If a budget
+    ends inside a block and a later run needs more of it, the block is counted again and a longer row is
+    added. A run with the smaller budget uses the shorter row again. The checksum of a row includes the
+    settings, so changed rows and rows of other runs are detected.
 
     A row is one transaction, on the disk before :meth:`add` returns; :meth:`together` makes one of many.
-    What a killed run or a power failure left half written is taken back by SQLite at the next :meth:`open`.
+    SQLite undoes half-written rows at the next :meth:`open`, after a killed run or a power failure.
 
     Attributes:
         path: the file.
@@ -72,7 +72,7 @@ class Store(AbstractContextManager["Store"]):
     def __init__(
         self, path: Path, connection: sqlite3.Connection, settings: str
     ) -> None:
-        """Take what :meth:`open` has opened; use that."""
+        """Hold an open connection; call :meth:`open` instead."""
         self.path, self.close = path, connection.close
         self._connection, self._settings, self._inode = connection, settings, -1
 
@@ -82,18 +82,18 @@ class Store(AbstractContextManager["Store"]):
 
         Args:
             path: the file; missing folders are made.
-            settings: what the numbers depend on, as plain values: seed, scene, camera, panel, receivers,
-                training, kind of device. Not what only changes how long it takes or how far it goes: batch
-                size, the folder, the budget of frames and the stop rule.
+            settings: everything that the numbers depend on, as plain values: seed, scene, camera, panel,
+                receivers, training, kind of device. Batch size, folder, budget of frames and stop rule do
+                not belong there.
 
         Raises:
-            VoccError: the file is in use by another run, cannot be written, is damaged, is no store, or is
-                that of another version or of other settings, with what changed.
+            VoccError: the file is in use by another run, cannot be written, is damaged or is not a store; or it
+                has another version or other settings, which are named.
         """
         path, text = Path(path), canonical(settings)
         with _told(path):
             exists = path.exists()
-            # SQLite would wait for a pipe beside the store.
+            # SQLite would block on a pipe beside the store.
             for suffix in ("", "-journal", "-wal"):
                 part = path.with_name(path.name + suffix)
                 if part.is_symlink() or (part.exists() and not part.is_file()):
@@ -101,7 +101,7 @@ class Store(AbstractContextManager["Store"]):
                     raise VoccError(f"{_shown(part)} {no}")
             if exists and 0 < path.stat().st_size < _LEAST_BYTES:
                 raise VoccError(f"{_shown(path)} {_STRANGER}")
-            # SQLite would open it for reading alone.
+            # SQLite would open it read-only.
             if exists and not os.access(path, os.W_OK):
                 raise PermissionError(None, "it is read-only")
             path.parent.mkdir(parents=True, exist_ok=True)

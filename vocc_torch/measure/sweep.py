@@ -18,18 +18,18 @@ Progress = Callable[[runner.Job, int, runner.Tallies], object]
 """Called for each block as it is added: its job, its frames, and the sums so far."""
 
 Prepare = Callable[[runner.Job, Workers], runner.Job]
-"""Changes what counts a point, just before its turn comes."""
+"""Changes the job of a point just before it is counted."""
 
 
 def job_of(
     plan: Plan, banks: Sequence[runner.NumberedBank], value: float | None = None
 ) -> runner.Job:
-    """Give what counts a point: every receiver after each training, on the same frames.
+    """Give the job of a point: every receiver after each training, on the same frames.
 
     Args:
         plan: the study.
         banks: the receivers.
-        value: the axis value, without meaning for ``contrast``; None for the scenes as they are.
+        value: the axis value, unused for ``contrast``; None leaves the scenes unchanged.
     """
     experiment = plan.experiment
     point, model = experiment.name, experiment.training_model(plan.world)
@@ -50,21 +50,21 @@ def outcomes(
 
     Args:
         jobs: in order, at least one.
-        workers: who does it.
+        workers: the executor.
         store: where blocks are recorded; None records none.
         progress: called for each block as it is added.
-        prepare: changes a job just before its turn.
+        prepare: changes a job just before it is counted.
 
     Yields:
         The outcome of each job.
 
     Raises:
-        VoccError: a store that cannot be written, or a worker that was ended from outside.
+        VoccError: a store that cannot be written, or a worker that was killed.
     """
     points = (
         runner.PointTask(
             prepare(job, workers),
-            # Those of all bins.
+            # The frames of all bins.
             replace(job.plan.budget, frames=job.plan.frames_in_point),
             store,
             partial(progress, job),
@@ -122,12 +122,12 @@ def points_of(
 def curves_at(
     plan: Plan, locator: Locator, outcomes: Mapping[float, runner.Outcome]
 ) -> curve.Curves:
-    """Put the outcomes of a plan's points with one of their locators together.
+    """Join the outcomes of a plan's points for one locator.
 
     Args:
         plan: the study.
-        locator: its name.
-        outcomes: by the value that was simulated.
+        locator: the locator's name.
+        outcomes: by the simulated value.
     """
     keys = {name: Key(locator, name) for name in plan.receiver.names}
     return curves_of(plan.experiment, keys, outcomes)

@@ -1,7 +1,7 @@
-"""What several trainings of one receiver got wrong on the same frames, and what that says of the algorithm.
+"""Errors of several trainings of one receiver on the same frames, and the error rate of the algorithm.
 
-A training is a draw, as a test frame is. The rate of an algorithm is the mean over all trainings and all
-frames; what was measured are K trainings, each on frames of its own, crossed with the same N test frames.
+A training is random, as a test frame is. The rate of an algorithm is the mean over all trainings and all
+frames. K trainings are measured, each on its own training frames, crossed with the same N test frames.
 """
 
 import math
@@ -19,7 +19,7 @@ from vocc_torch.measure.paired import PairedCounts, paired_interval
 
 @dataclass(frozen=True, slots=True)
 class Trained:
-    """What one receiver got wrong after each of K trainings, on the same frames.
+    """Errors of one receiver after each of K trainings, on the same frames.
 
     Args:
         counts: errors of every training, that of the saved receiver first.
@@ -50,11 +50,11 @@ class Trained:
     ) -> Estimate:
         """Give the interval of the algorithm's rate: trainings and frames are the units, crossed.
 
-        Two distances are joined by squares (variance estimates recovery, Zou and Donner 2008): that of the
-        interval over frames (:func:`~vocc_torch.measure.intervals.ber_interval` of all trainings together,
-        whose errors in one frame go together), and that of a t interval over the K rates, on a logarithmic
-        scale. What a training and a frame do together is in both, so the interval is a little wide where
-        that is most of the scatter. Without errors it is the limit of a single receiver.
+        The half-widths of two intervals are added in squares (variance estimates recovery, Zou and Donner
+        2008). The first is :func:`~vocc_torch.measure.intervals.ber_interval` over frames, with the errors of
+        all trainings in a frame together. The second is a t interval over the K rates, on a logarithmic
+        scale. Both contain the interaction of training and frame, so the interval is a little too wide if
+        the interaction dominates. Without errors the interval is that of a single receiver.
 
         Args:
             confidence: above 0, below 1.
@@ -67,7 +67,7 @@ class Trained:
             and self.pooled.half_errors_squared
             == len(self.counts) ** 2 * first.half_errors_squared
         ):
-            # Then all erred alike in every frame, as what learns nothing does.
+            # All trainings have equal errors in every frame, as receivers without training do.
             return ber_interval(first, confidence, errors_per_frame_error)
         size = min(
             len(self.counts) * errors_per_frame_error,
@@ -91,17 +91,17 @@ def widened(
 
     Args:
         frames: the mean over the trainings, with its interval over frames.
-        each: the number of each training; of a single one no scatter is known.
+        each: the value of each training; a single training shows no scatter.
         confidence: above 0, below 1.
-        logarithmic: whether the scatter is by factors, as that of rates is; the mean is then above 0.
-        against_one: whether this is the difference from somebody's single training, which scatters as well.
+        logarithmic: whether the scatter is multiplicative, as for rates; the mean is then above 0.
+        against_one: whether ``frames`` is the difference from a single training of another source, which scatters, too.
     """
     if len(each) < 2:
         return frames
     reach = t_reach(each, confidence) * math.sqrt(1 + len(each) * against_one)
     below = above = reach
     if logarithmic:
-        # A factor that overflows is no knowledge at all.
+        # A factor that overflows bounds nothing.
         factor = math.exp(min(reach / frames.value, 700.0))
         below, above = frames.value * (1 - 1 / factor), frames.value * (factor - 1)
     low = frames.value - math.hypot(frames.value - frames.low, below)

@@ -16,10 +16,10 @@ from vocc_torch.types import without_autocast
 def close_mask(mask: Tensor, size_px: int) -> Tensor:
     """Close a mask with a flat ``size_px`` x ``size_px`` square: Kornia's dilation, then its erosion.
 
-    A row and then a column do what the square does. The plane goes on as background beyond the border. So a
-    closing depends only on the foreground, not on where a crop or the sensor ends, and never leaves the
-    foreground's bounding box. OpenCV's and Kornia's default borders instead drag a blob near the border out
-    to it. A square larger than the mask closes it as one of the mask's size does.
+    A row and then a column replace the square. Beyond the border is background. So a closing depends only on
+    the foreground, not on where a crop or the sensor ends, and never leaves the foreground's bounding box.
+    The default borders of OpenCV and Kornia extend a blob near the border to the border. A square larger than
+    the mask gives the closing of one of the mask's size.
 
     Args:
         mask: (B,1,H,W) bool.
@@ -38,10 +38,10 @@ def close_mask(mask: Tensor, size_px: int) -> Tensor:
     """
     if size_px < 1 or size_px % 2 == 0:
         raise VoccError(f"size_px is {size_px}: it must be odd and at least 1")
-    # Loaded here because the other locators close no mask.
+    # Imported here because only the paper's locator needs it.
     from kornia.morphology import dilation, erosion
 
-    # Of a larger square only a half or a quarter plane meets the mask, as of one of the mask's size.
+    # A square larger than the mask gives the same closing as one of the mask's size.
     size_px = min(size_px, max(mask.shape[-2:]) | 1)
     if size_px == 1 or not mask.numel():
         return mask.clone()
@@ -49,8 +49,8 @@ def close_mask(mask: Tensor, size_px: int) -> Tensor:
     with without_autocast(mask.device):
         # Half precision holds 0 and 1, and moves half the memory.
         plane = torch.nn.functional.pad(mask.half(), [0, 0, reach, reach])
-        # A column's windows are read along the rows; for rows the plane lies on its side. What the strokes do
-        # wrong at the outer edge of a margin is cut off with it.
+        # Columns are closed first, then rows on the transposed plane. Errors at the outer edge of a margin are
+        # cut off with the margin.
         column = plane.new_ones(size_px, 1)
         plane = torch.nn.functional.pad(dilation(plane, column), [reach, reach]).mT
         plane = erosion(dilation(plane, column), column)[..., reach:-reach, :].mT
@@ -76,7 +76,7 @@ def halve_mask(mask: Tensor) -> Tensor:
     return rows[..., ::2] | rows[..., 1::2]
 
 
-# Only so many blobs, the largest, are measured: what noise can cost in time and memory has an end.
+# Only the largest blobs are measured. This bounds time and memory in noise.
 MOST_BLOBS = 256
 
 

@@ -1,6 +1,6 @@
-"""Otsu's threshold of a frame (section IV-B-2; Otsu 1979), and the part of a frame that is not of one grey value.
+"""Otsu's threshold of a frame (section IV-B-2; Otsu 1979), and the box that holds everything but one grey value.
 
-Most of a simulated or dark frame is of one grey value: that part is looked at only once.
+Most of a simulated or dark frame has one grey value: that part is read only once.
 """
 
 import numpy as np
@@ -12,15 +12,15 @@ from vocc_torch.types import Frames
 
 _LEVELS = 256
 TIE_SHARE = 1e-12
-"""Thresholds whose variances differ by less are equally good: float64 rounds them."""
+"""Thresholds whose variances differ by less count as equal, because float64 rounds them."""
 LARGE_FRAME_PX = 1 << 16
-"""In smaller frames looking for what is uneven costs more than it saves."""
+"""In smaller frames the search for the uneven box costs more than it saves."""
 WORD_PX = 8
-"""Pixels of a row that are compared at once."""
+"""Pixels of a row that are compared in one word."""
 
 
 def extents(lit: Tensor) -> tuple[Tensor, Tensor]:
-    """Find the first that is lit of each row (B,N) bool, and how many there are up to the last, 0 where none is.
+    """Find the first True of each row (B,N) and the length up to the last True, 0 for a row without True.
 
     Example:
         >>> extents(torch.tensor([[0, 1, 0, 1, 0], [0, 0, 0, 0, 0]]).bool())
@@ -34,8 +34,8 @@ def extents(lit: Tensor) -> tuple[Tensor, Tensor]:
 def trimmed(frames: Frames) -> Frames:
     """Cut whole frames in the CPU's memory to a box, of one size, beyond which each has one grey value.
 
-    Frames pass as they are where one of them is uneven already in its first row, as with noise, or over most of
-    its width; so do small ones, those whose width is no multiple of 8, crops and those on an accelerator.
+    Frames are returned unchanged if one of them is uneven in its first row, as with noise, or over most of its
+    width. So are small frames, widths that are not a multiple of 8, crops, and frames on an accelerator.
 
     Args:
         frames: uint8 frames.

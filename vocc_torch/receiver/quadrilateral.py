@@ -1,10 +1,9 @@
 """Convex hulls of blobs, the rectangles around them and how panel-like they are (section IV-B-2).
 
 A blob comes as the first and last mask pixel of each of its rows: no other pixel can be a vertex of its hull.
-Here a pixel is a point, its column and row; :func:`minimum_area_rectangle` and :func:`upright_rectangle` turn
-to the continuous coordinates of :mod:`vocc_torch.types`. All but the final corners is exact integer
-arithmetic held in float64, so that a blob's result does not depend on its place, on its device or on what
-else is in the batch.
+Here a pixel is a point, its column and row; :func:`minimum_area_rectangle` and :func:`upright_rectangle` convert
+to the continuous coordinates of :mod:`vocc_torch.types`. Everything before the final corners is exact integer
+arithmetic in float64, so a blob's result does not depend on its place, its device or the rest of the batch.
 """
 
 import math
@@ -22,12 +21,10 @@ from vocc_torch.types import PanelShape
 class HullSettings:
     """How hulls and rectangles are computed."""
 
-    length_unit_px: float = 2.0**-32  # lengths add as whole numbers of it: no order
+    length_unit_px: float = 2.0**-32  # sums of whole units do not depend on order
     tie_share: float = 1e-9  # areas of rectangles that differ by less are equal
-    passes: int = (
-        16  # over the rows of hulls that nobody waits for; scenes take up to 6
-    )
-    vertices: int = 64  # of hulls that nobody waits for; a blob of 90 rows has about 20
+    passes: int = 16  # over the rows with ``at_once``; scenes take up to 6
+    vertices: int = 64  # of a hull with ``at_once``; a blob of 90 rows has about 20
 
 
 HULL = HullSettings()
@@ -51,19 +48,19 @@ class Rectangles(NamedTuple):
 def convex_hull(first: Tensor, last: Tensor, *, at_once: bool = False) -> Tensor:
     """Find the vertices of each blob's convex hull.
 
-    Of each side the rows go that do not lie outside of the line between the two rows left beside them, until
-    none goes (Andrew 1979, all rows at once). Points on an edge are left out.
+    On each side a row is removed if it does not lie outside the line between its two remaining neighbours,
+    until no row is removed (Andrew 1979, all rows at once). Points on an edge are left out.
 
     Args:
         first: (M,H) leftmost column of each row, ``first > last`` where the row is empty; each blob has a
             pixel.
         last: (M,H) rightmost column of each row; columns and rows up to 2^15.
-        at_once: take a fixed number of passes and vertices, so that no number is looked at on the way.
+        at_once: take a fixed number of passes and vertices, so that the host waits for no result.
 
     Returns:
         (M,V,2) float64 ``(column, row)`` of the vertices, clockwise as seen on the image, padded by repeating
-        the first; single-pixel rows at the top or bottom appear twice. With ``at_once`` NaN where the passes
-        or the vertices did not do.
+        the first; single-pixel rows at the top or bottom appear twice. With ``at_once`` NaN where passes or
+        vertices do not suffice.
 
     Example:
         >>> convex_hull(torch.tensor([[1, 0, 1]]), torch.tensor([[1, 2, 1]]))[0].int().tolist()
@@ -285,7 +282,7 @@ def measure_blobs(
     *,
     at_once: bool = False,
 ) -> Measures:
-    """Measure blobs, at least one, against the panel looked for.
+    """Score blobs, at least one, against the panel that is searched for.
 
     Args:
         first: see :func:`convex_hull`.
@@ -293,9 +290,9 @@ def measure_blobs(
         area_px: (M,) area of the closed blob, px^2.
         place_px: (M,2) mask coordinates (x, y) from which columns and rows count.
         shape: the panel looked for.
-        limits: what a panel is; they also say which rectangle to give, while the measures are always those of
-            the minimum-area one.
-        at_once: see :func:`convex_hull`; where that gives NaN, ``within`` is False.
+        limits: of a panel. They also set the kind of rectangle that is returned; measures always come from
+            the minimum-area rectangle.
+        at_once: as in :func:`convex_hull`; where it returns NaN, ``within`` is False.
 
     Example:
         >>> first, last = torch.zeros(1, 6).int(), torch.full((1, 6), 5)

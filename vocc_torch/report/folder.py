@@ -1,4 +1,4 @@
-"""A run's folder: what it may hold before a run, what it keeps of one that ends early, and its tables."""
+"""A run's folder: which contents a new run may replace, what an interrupted run leaves, and tables."""
 
 import csv
 import shlex
@@ -22,7 +22,7 @@ from vocc_torch.measure import config
 from vocc_torch.measure.store import SUFFIX
 
 Cells: TypeAlias = Sequence[str | int | float | None]
-"""What a line of a CSV file holds."""
+"""The cells of one line of a CSV file."""
 
 
 CONFIG = "config.yaml"
@@ -33,22 +33,22 @@ LEDGER = f"ledger{SUFFIX}"
 """The ledger of a run with one experiment."""
 
 MANIFEST = "manifest.json"
-"""What lists the files of a folder that can be checked when a run goes on."""
+"""Sizes and digests of a folder's files, written once all are complete."""
 
 
 CHANGE_NO_RESULT = ("device", "workers", "executor", "tensorboard", "batch_frames")
-"""Settings, or sections of them, with any values of which the results are the same."""
+"""Settings and sections that do not change results."""
 
 SAMPLES = "samples.png"
-"""What the scenes look like, written before anything is counted."""
+"""Pictures of the scenes, written before counting starts."""
 
 
 def refuse_results(folder: Path, resumed: str = "") -> None:
-    """Refuse a folder that holds results, unless the same command was killed over them, before any work.
+    """Refuse a folder that holds results, unless an interrupted run left them there.
 
     Args:
         folder: the run's folder.
-        resumed: pattern of names, one of which says that the run can be resumed.
+        resumed: pattern of file names; a match means that the run can be resumed.
     """
     # A run that was killed before its first result leaves no more than these.
     few = (UNFINISHED, CONFIG, SAMPLES)
@@ -64,13 +64,13 @@ def refuse_results(folder: Path, resumed: str = "") -> None:
 def resumable(
     settings: config.Settings, folder: Path, console: Console, *made: str
 ) -> Iterator[None]:
-    """Say which results a run replaces, and how to go on where it is interrupted; leave nothing of no counts.
+    """Print which results a run replaces and how to resume it; clean up a run that counted nothing.
 
     Args:
         settings: the configuration.
         folder: the run's folder.
-        console: where it is said.
-        made: what the run makes there before anything is counted, beside configuration and samples.
+        console: receives the messages.
+        made: further files that the run writes before counting starts.
     """
     before = finished_settings(folder)
     try:
@@ -92,7 +92,7 @@ def resumable(
 
 
 def finished_settings(folder: Path) -> dict[str, object]:
-    """Give the settings of the results in a folder by key; none where a run was killed over them."""
+    """Give the settings of the results in a folder by key; none if its run did not finish."""
     if (folder / UNFINISHED).exists() or not (folder / CONFIG).exists():
         return {}
     with suppress(VoccError):
@@ -105,11 +105,11 @@ def lost_settings(
 ) -> list[str]:
     """Name the settings whose results other settings do not include.
 
-    A number includes smaller ones, a list its items, and an empty list is all.
+    A number includes smaller numbers. A list includes its items. An empty list stands for all.
 
     Args:
         before: settings by key.
-        after: the other ones; keys that only one of them has are passed over.
+        after: the other settings; keys that only one side has are ignored.
 
     Example:
         >>> lost_settings({"frames": 512, "values": [1, 2], "seed": 0}, {"frames": 64, "values": [1, 2, 3]})

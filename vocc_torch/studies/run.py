@@ -22,12 +22,12 @@ Advance = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Case:
-    """Frames of one kind of scenes, decided by receivers of one or more trainings.
+    """Frames of one set of scenes, decoded by receivers of one or more trainings.
 
     Args:
-        plan: scenes, receivers and how many frames.
-        trained_on: plans of the trainings, each with the locator whose corners its receivers get.
-        value: of the experiment's axis; None for the scenes as they are.
+        plan: scenes, receivers and number of frames.
+        trained_on: plans of the trainings, each with the locator whose corners its receivers use.
+        value: of the experiment's axis; None leaves the scenes unchanged.
     """
 
     plan: Plan
@@ -42,7 +42,7 @@ def cases_of(plan: Plan, trained_on: Sequence[Plan]) -> list[Case]:
 
 @dataclass(eq=False)
 class Run:
-    """What a study runs with.
+    """Workers, store and console of a running study.
 
     Args:
         pool: the processes that train and count.
@@ -75,7 +75,7 @@ class Run:
             yield lambda done: view.advance(label, done)
 
     def training(self, plan: Plan) -> Training:
-        """Give the training of a plan that :meth:`train` has met."""
+        """Give the training of a plan that :meth:`train` was called with."""
         return self._trainings[training_key(plan)]
 
     def train(self, plans: Sequence[Plan], name: str = "training") -> None:
@@ -110,10 +110,10 @@ class Run:
     def count(
         self, cases: Sequence[Case], name: str = "bit errors"
     ) -> list[runner.Outcome]:
-        """Count the errors of each case until its budget is spent; equal ones take what the store has.
+        """Count the errors of each case until its budget is spent; blocks in the store are not counted again.
 
         Args:
-            cases: whose trainings are there.
+            cases: their plans must have been trained.
             name: of the stage.
         """
         jobs = list(map(self.job, cases))
@@ -126,7 +126,7 @@ class Run:
             )
 
     def job(self, case: Case) -> runner.Job:
-        """Give what counts a case; of each locator the trainings are numbered, and repeated ones go on."""
+        """Give the job of a case, with the trainings of each locator numbered."""
         plan, keys = case.plan, list(map(training_key, case.trained_on))
         banks: list[runner.NumberedBank] = []
         for source, key in zip(case.trained_on, keys, strict=True):
@@ -142,7 +142,7 @@ class Run:
 
 
 def scene_plan(settings: Settings) -> tuple[Plan, dict[str, str]]:
-    """Build the plan of the scene itself, which no experiment narrows.
+    """Build the plan of the scene itself, without the ranges of an experiment.
 
     Returns:
         The plan, and the receivers that cannot be built here with the reason.
@@ -166,16 +166,16 @@ def begin(
     Args:
         settings: the configuration.
         folder: the run's folder.
-        plan: of the whole study; cases are recorded with what else their counts depend on.
+        plan: of the whole study; each case adds its further settings.
         stages: how many stages there are.
 
     Raises:
-        VoccError: a folder with other results, or a store of other counts.
+        VoccError: a folder with other results, or a store with other settings.
     """
     console, ledger = Console(), folder / run_folder.LEDGER
     begun = not ledger.exists()
     counted_for = identity(plan, [plan.receiver.locator])
-    # Made before the training, so that a wrong number is refused at once; it starts nothing yet.
+    # Created before the training, so that a wrong number is refused at once; no process starts yet.
     pool = Workers.of(settings)
     with (
         run_folder.resumable(settings, folder, console),
@@ -196,6 +196,6 @@ def begin(
 def write_training(
     settings: Settings, plan: Plan, training: Training, folder: Path
 ) -> None:
-    """Write the receiver and the configuration it came from."""
+    """Write ``receiver.pt`` and the configuration that it was trained with."""
     calibrated_receiver(plan, training).save(folder / "receiver.pt")
     run_folder.write_config(settings, folder)

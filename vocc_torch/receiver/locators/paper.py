@@ -1,4 +1,4 @@
-"""Where the panel is in each frame: the paper's locator (section IV-B-2, Fig. 18) at every scale."""
+"""The paper's locator (section IV-B-2, Fig. 18), with closings at several scales."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -18,17 +18,17 @@ from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 
 @dataclass(frozen=True)
 class LadderSettings:
-    """How the ladder of closings is climbed."""
+    """When the closing is repeated at half the resolution, and which blob is taken."""
 
     most_side_px: int = 1 << 15  # columns of a blob are counted in 16 bits
     merge_ratio: float = 0.75  # of the best score so far: a merged blob explains more, so it may score less
     whole_share: float = (
-        0.99  # of the foreground: a blob that holds it leaves nothing worth merging
+        0.99  # of the foreground: a blob with this share leaves nothing to merge
     )
     reach_pitches: float = 1.4  # LED pitches that span one Off LED between two On ones
     last_pitches: float = 3.0  # LED pitches that fill all but the widest gaps
-    window_px: int = 192  # side up to which masks are tried many at once
-    pass_masks: int = 1 << 5  # masks of like size at once: less is padded
+    window_px: int = 192  # side up to which masks are processed in batches
+    pass_masks: int = 1 << 5  # masks at once; similar sizes need little padding
     pass_masks_elsewhere: int = 1 << 12  # the same on an accelerator
 
 
@@ -36,7 +36,7 @@ LADDER = LadderSettings()
 
 
 def quantised(grey: Tensor) -> Tensor:
-    """Round floating grey values to uint8, clamped to 0 to 255; uint8 passes as it is.
+    """Round floating grey values to uint8, clamped to 0 to 255; uint8 is returned unchanged.
 
     Raises:
         VoccError: a value is NaN or infinite, or ``grey`` is of another type.
@@ -62,15 +62,15 @@ def quantised(grey: Tensor) -> Tensor:
 class PaperLocator(LocatorLimits, PanelLocator):
     """Find the panel as the paper does: Otsu, closing, components, blob analysis, convex hull, quadrilateral.
 
-    Blobs below a limit are dropped. Of the others the best by ``rectangularity x compactness x proportion^2``
-    (see :mod:`vocc_torch.receiver.quadrilateral`) is the panel, of equals the first in raster order;
-    ``Panels.candidates`` says how many there were. Nothing is found where none is left.
+    Blobs below a limit are dropped. The panel is the blob with the largest ``rectangularity x compactness x
+    proportion^2`` (see :mod:`vocc_torch.receiver.quadrilateral`), among equals the first in raster order.
+    ``Panels.candidates`` is the number of blobs within the limits. Without one no panel is found.
 
-    One closing serves one LED pitch, so there is a ladder. At level n the mask is halved n times (block
+    One closing suits one LED pitch, so there are several levels. At level n the mask is halved n times (block
     maxima, laid from the foreground's own top left corner), closed with the same square and labelled. A
-    closing only decides which pixels belong together: hulls and rectangles always come from the mask's own
-    pixels, and from one level to the next components only merge. Every frame starts at level 0. It climbs
-    where
+    closing only decides which pixels belong together: hulls and rectangles always come from the mask's
+    pixels, and from one level to the next components only merge. Every frame starts at level 0. The next
+    level follows if
 
     - it has several components, and the blob chosen so far holds less than 99 % of the foreground; or
     - the closing, ``closing_px * 2^n``, spans less than 1.4 LED pitches of the level's best blob, or less
@@ -78,16 +78,15 @@ class PaperLocator(LocatorLimits, PanelLocator):
 
     The best blob of the next level then
 
-    - replaces a chosen blob that it holds, and more, at no less than 0.75 of the best score so far: fragments
-      of a panel may look like panels, but two panels, or a panel and a lamp, together do not;
-    - replaces the same blob, closed further, at no less than its score;
+    - replaces a chosen blob that it contains with more pixels, at 0.75 of the best score or more: fragments of
+      a panel may look like panels, but two panels, or a panel and a lamp, together do not;
+    - replaces the same blob after a larger closing, at its score or more;
     - replaces any other blob at a higher score.
 
-    Objects nearer to the panel than the first closing cannot be parted; a low score tells of them. The sensor
-    is taken to be surrounded by background. Floating frames are rounded for location only. Nothing is found
-    in a constant frame; one that is all noise may be taken for a panel that fills it. A square panel looks
-    alike from four sides: the first corner is the one from which the first side is turned by more than -45
-    and at most 45 degrees.
+    Objects closer to the panel than the first closing cannot be separated; the score is then low. The sensor is
+    assumed to be surrounded by background. Floating frames are rounded for location only. A constant frame has
+    no panel; a frame of noise may be taken for a panel that fills it. A square panel looks alike from four
+    sides: the first side is the one that is turned by more than -45 and at most 45 degrees.
 
     Args:
         closing_px: side of the closing's square, px, odd, 1 to 65535; 1.5 times the greatest LED pitch

@@ -21,13 +21,11 @@ from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 
 @dataclass(frozen=True)
 class RefinedSettings:
-    """How the region and the lattice are judged."""
+    """Limits of the region and of the lattice fit."""
 
-    most_leds: int = (
-        16  # in a row or a column; larger panels are left to the paper's locator
-    )
+    most_leds: int = 16  # in a row or a column; larger panels use the paper's locator
     rise_dn: float = (
-        1.5  # over the background, from which on a pixel of a crop is light
+        1.5  # over the background, from which a pixel of a crop is foreground
     )
     good_share: float = (
         0.9992  # below this share a fit is tried again from other starts
@@ -40,14 +38,14 @@ class RefinedSettings:
         0.89,
         1.12,
     )
-    farthest_cells: float = 3.5  # a fit that leaves its start farther behind is none
+    farthest_cells: float = 3.5  # a fit that moves farther from its start is rejected
     least_pitch_px: float = 1.5  # finer lattices are noise: LEDs melt together
     parts_per_px: float = 1024.0  # corners are rounded to: sums differ between batches
     face_light: float = 0.1  # a face's light over the background, white being 1, is of this size at most
-    ring_px: int = 3  # outermost pixels of a window that tell background and noise
+    ring_px: int = 3  # outermost pixels of a window that give background and noise
     sigma_per_mad: float = 1.4826  # of a normal distribution
     least_probability: float = 0.5  # of a panel that the detector finds
-    tie_deg: float = 0.25  # error of a panel turned by 45 degrees that changes no order
+    tie_deg: float = 0.25  # turned by 45 degrees, corners keep their order within it
 
 
 REFINED = RefinedSettings()
@@ -57,18 +55,18 @@ REFINED = RefinedSettings()
 class RefinedLocator(PanelLocator):
     """Find the panel, then fit the lattice of its LEDs.
 
-    - Region: where all beyond a crop is of one grey value, of the pixels that are brighter the blob that the
-      paper's measures take for the panel; in any other frame what the detector takes for it, or else the paper.
+    - Region: in a crop with a uniform surround, the blob of brighter pixels with the paper's best score; in any
+      other frame the detector's panel, or else the paper's.
     - Lattice: an exhaustive search over pitch, place and blur, then a fit of corners, blur, background and of
-      two levels of light, On and Off, to the grey values. A line of LEDs that are all Off is weak, but it is
-      part of the picture and of the model. Nothing is known of the scene but the panel's shape; light is
-      taken to be encoded with a gamma of 2.2, and LEDs to look like round spots.
-    - Where the lattice explains less than ``min_share`` of the picture, the panel in a crop is the paper's, and
-      in any other frame lies where the region is.
+      two levels of light, On and Off, to the grey values. A line of Off LEDs is weak, but it is
+      part of the picture and of the model. Only the panel's shape is known. Light is assumed to be encoded
+      with a gamma of 2.2, and LEDs to be round spots.
+    - If the lattice explains less than ``min_share`` of the picture, the panel is the paper's in a crop with a
+      uniform surround, and the region in any other frame.
 
     ``Panels.score`` is the share of the picture's variation that the lattice explains.
 
-    A face between the LEDs that is brighter than the background has a level of its own in the fit.
+    A face between the LEDs that is brighter than the background has its own level in the fit.
 
     Args:
         paper: the paper's locator: its limits of blobs, and what falls to it.
