@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from made_up_points import table as table
 
 from vocc_torch.errors import VoccError
-from vocc_torch.measure.curve import COLUMNS, BerTable, Row
+from vocc_torch.measure.curve import COLUMNS, MOST_VALUE, BerTable, Row
 from vocc_torch.report.folder import write_rows
 from vocc_torch.report.rate_tables import ber_rows, read_tables
 
@@ -32,7 +32,7 @@ def test_lines_stand_by_receiver_and_ascending_value(tmp_path, table):
     ]
 
 
-NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+NUMBERS = st.floats(-MOST_VALUE, MOST_VALUE)
 RATES = st.lists(st.floats(0, 1), min_size=3, max_size=3).map(sorted)
 NAMES = st.text(
     st.characters(codec="utf-8", exclude_characters="\r\n\0"), max_size=8
@@ -77,6 +77,11 @@ def test_any_numbers_and_names_survive_the_file(
             r"line 2: frames is 'many': ",
         ),
         (",".join(COLUMNS) + "\nd,x,1,r,truth,1,64,0\n", r"line 2: ber is None: "),
+        (
+            ",".join(COLUMNS)
+            + "\nd,x,1e101,r,truth,1,64,0,0,0,0.1,0,0,frames,1,,,,,,,counting,,,\n",
+            r"x is 1e\+101: ",
+        ),
     ],
 )
 def test_a_file_that_is_no_table_is_refused_with_the_place(tmp_path, text, message):

@@ -23,7 +23,7 @@ class PointKey:
     Args:
         experiment: name of the experiment.
         axis: quantity that varies, with its unit, such as ``distance_m``.
-        value: the quantity's value here, finite, in the axis's unit.
+        value: the quantity's value here, -1e100 to 1e100, in the axis's unit.
         receiver: name of the receiver.
         locator: where the panel's corners came from: ``truth`` or the locator's name.
     """
