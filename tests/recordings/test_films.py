@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import threading
 import time
 
 import av
@@ -214,6 +215,27 @@ def test_of_frames_that_a_receiver_is_late_for_the_newest_or_all_come(
         time.sleep(0.01)
     assert [frame.index for frame in stream] == list(range(dropped, 8))
     assert stream.dropped == dropped
+
+
+def test_the_thread_of_a_stream_that_is_closed_between_two_fields_ends(
+    frames, tmp_path, monkeypatch
+):
+    path = write_film(tmp_path / "film.mkv", frames, "mpeg2video", interlaced=True)
+    container, before = av.open(str(path)), threading.active_count()
+    monkeypatch.setattr(
+        "vocc_torch.recordings.streams.opened", lambda source: container
+    )
+    stream = LiveStream("-", "luma")
+    taken = iter(stream)
+    fields = [next(taken), next(taken)]
+    while stream.queue.empty():
+        time.sleep(0.01)
+    stream.close()
+    deadline = time.monotonic() + 5
+    while threading.active_count() > before and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert [field.index for field in fields] == [0, 1]
+    assert threading.active_count() == before
 
 
 def test_a_stream_that_cannot_be_read_is_answered_by_what_can(monkeypatch):

@@ -1,6 +1,7 @@
 """Pictures of every kind against Pillow, NumPy and pillow-heif; damaged ones are refused in a line."""
 
 import os
+import sys
 
 import cv2
 import numpy as np
@@ -103,6 +104,21 @@ def test_deep_colours_are_scaled_likewise(frames, tmp_path, suffix, bits):
     (frame,) = read_recording(path, "luma")
     assert np.abs(frame.colour[..., ::-1].astype(int) - bgr).max() <= 1
     assert (f"read as {bits} bits" in frame.note) == (bits < 16)
+
+
+def test_each_page_of_deep_colours_is_read(tmp_path):
+    pages = [np.full((9, 9, 3), level, np.uint16) for level in (300, 900)]
+    cv2.imwritemulti(str(tmp_path / "deep.tiff"), pages)
+    read = read_recording(tmp_path / "deep.tiff", "luma")
+    assert [frame.grey.max() for frame in read] == [75, 224]
+
+
+def test_dark_colours_need_no_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    cv2.imwrite(str(tmp_path / "dark.png"), np.full((9, 9, 3), 12000, np.uint16))
+    (frame,) = read_recording(tmp_path / "dark.png", "luma")
+    assert (frame.grey == 12000 // 256).all()
+    assert "vocc-torch[video]" in frame.note
 
 
 @pytest.mark.parametrize(

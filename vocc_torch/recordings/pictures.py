@@ -123,7 +123,7 @@ def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
                     is_deep = image.mode == "RGB" and ";16" in str(image.tile)
                     colour, note = to_colour(image)
                     if is_deep and colour.max() < DARK:
-                        colour, note = deep_colour(path, image)
+                        colour, note = deep_colour(path, image, colour)
             except (
                 Exception
             ) as error:  # Pillow's readers raise many kinds for damaged files
@@ -174,15 +174,22 @@ def to_colour(image: Image.Image) -> tuple[Bytes, str]:
     return np.asarray(shown.convert("RGB"), dtype=np.uint8), note
 
 
-def deep_colour(path: Path, image: Image.Image) -> tuple[Bytes, str]:
+def deep_colour(path: Path, image: Image.Image, coarse: Bytes) -> tuple[Bytes, str]:
     """Read colours of 16 bits, of which Pillow keeps the upper eight; as :func:`to_colour`.
 
-    Raises:
-        VoccError: PyAV is not installed.
+    Args:
+        path: of the picture.
+        image: as Pillow has opened it, at the page to read.
+        coarse: what Pillow keeps, which is all where PyAV is not installed.
     """
-    av = library("av", "video", f"input {path} has colours of 10 to 14 bits")
+    try:
+        av = library("av", "video", "only the upper 8 of 16 bits are read")
+    except VoccError as error:
+        return coarse, str(error)
     with av.open(f"file:{path.absolute()}", options=DEEP_FORMATS) as container:
-        picture = next(container.decode(video=0))
+        stream = container.streams.video[0]
+        stream.codec_context.options = {"page": str(image.tell() + 1)}
+        picture = next(container.decode(stream))
     colour, note = to_bytes(picture.to_ndarray(format="rgb48le"))
     shown = Image.fromarray(colour)
     shown.getexif()[ExifTags.Base.Orientation] = image.getexif().get(

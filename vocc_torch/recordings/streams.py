@@ -138,6 +138,8 @@ class LiveStream:
 
     def put(self, frame: RecordedFrame) -> None:
         """Hand a frame on: in the place of the one that waits, or wait until it is taken."""
+        if self.is_closed:
+            return
         if self.newest:
             with suppress(queue.Empty):
                 self.queue.get_nowait()
