@@ -87,6 +87,7 @@ def test_the_frames_of_a_film_and_of_a_folder_are_known_before_they_are_read(
     assert expected_frames(tmp_path / "no film.mp4") == 0
     for number, grey in enumerate(frames):
         cv2.imwrite(str(tmp_path / f"{number}.png"), grey)
+    (tmp_path / "._0.png").write_bytes(b"what macOS knows of 0.png")
     assert expected_frames(tmp_path) == len(frames)
 
 

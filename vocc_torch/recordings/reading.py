@@ -14,6 +14,7 @@ from vocc_torch.files import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 from vocc_torch.recordings.films import promised_frames, read_film
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.pictures import (
+    APPLE_DOUBLE,
     read_array,
     read_folder,
     read_greys,
@@ -61,7 +62,11 @@ def read_recording(
 def expected_frames(path: Path) -> int:
     """Number of frames that a recording most likely has: those of a film, or the pictures of a folder."""
     if path.is_dir():
-        return sum(part.suffix.lower() in PICTURE_SUFFIXES for part in path.iterdir())
+        return sum(
+            part.suffix.lower() in PICTURE_SUFFIXES
+            and not part.name.startswith(APPLE_DOUBLE)
+            for part in path.iterdir()
+        )
     return promised_frames(path) if path.suffix.lower() in VIDEO_SUFFIXES else 1
 
 
