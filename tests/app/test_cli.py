@@ -159,6 +159,11 @@ def test_a_mistake_of_several_jobs_is_said_once(app, tmp_path, words):
     assert ran.out.count("refused as job 0 is") == 2
 
 
+def test_a_sweeper_that_chooses_its_jobs_meanwhile_goes_on(monkeypatch):
+    monkeypatch.setattr(cli, "refusal_of", lambda *job: "seed is -1")
+    cli.validate_jobs(object(), [["seed=-1"]])
+
+
 def test_a_value_that_hangs_on_the_number_of_the_job_is_not_refused_for_all(
     app, tmp_path
 ):

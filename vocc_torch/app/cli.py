@@ -128,7 +128,9 @@ def validate_jobs(sweeper: Any, batch: Sequence[Sequence[str]]) -> None:
         VoccError: the complaint, where it is the same for every job.
     """
     complaints = {refusal_of(sweeper, *job) for job in enumerate(batch)}
-    if len(complaints) == 1 and all(complaints) and sweeper.overrides == [batch]:
+    # Sweepers that choose their jobs one after the other have no list of all.
+    every = getattr(sweeper, "overrides", None) == [batch]
+    if every and len(complaints) == 1 and all(complaints):
         discard_if_empty(Path.cwd() / sweeper.config.hydra.sweep.dir)
         raise VoccError(*complaints)
 
