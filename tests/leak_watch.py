@@ -10,6 +10,7 @@ from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.report import samples
 from vocc_torch.simulation import Simulator
+from vocc_torch.studies import run as run_module
 
 SHIPPED = sorted(
     path.stem
@@ -91,7 +92,7 @@ class Watch:
         training = (
             (train_module, "train_flda", "train"),
             (train_module, "train_classifier", "train"),
-            (train_module, "calibrated_receiver", "calibrate"),
+            (run_module, "calibrated_receiver", "calibrate"),
             (samples, "write_samples", "show"),
         )
         for module, name, phase in training:

@@ -11,7 +11,7 @@ import torch
 from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
 from run_files import rows_of
 
-from vocc_torch.measure import sweep as sweep_module
+from vocc_torch.measure.config import Experiment
 from vocc_torch.receiver.classifiers.adapters import TorchClassifier
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
@@ -83,7 +83,7 @@ def test_training_and_tests_have_no_frame_in_common(app, monkeypatch, name):
 
 
 def names_of_training(monkeypatch):
-    monkeypatch.setattr(sweep_module, "point_name", lambda *_: "train")
+    monkeypatch.setattr(Experiment, "point_name", lambda *_: "train")
 
 
 def draws_without_names(monkeypatch):

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import torch
 from scipy.ndimage import maximum_filter
-from scipy.signal import correlate
+from scipy.stats import zscore
 
 from vocc_torch.receiver.detector import pyramid as pyramid_file
-from vocc_torch.receiver.detector.convolution import Convolution
 from vocc_torch.receiver.detector.judge import judged
+from vocc_torch.receiver.detector.layers import standardised
 from vocc_torch.receiver.detector.placer import (
     Placer,
     asides,
@@ -19,8 +19,9 @@ from vocc_torch.receiver.detector.placer import (
     placed,
     placed_in_views,
     slips,
+    views,
 )
-from vocc_torch.receiver.detector.pyramid import Pyramid, bilinear, gate, halved
+from vocc_torch.receiver.detector.pyramid import Pyramid, gate, halved
 from vocc_torch.receiver.detector.scout import Scout, distinct, peaks
 from vocc_torch.receiver.resample import cell_homography
 from vocc_torch.types import PanelShape
@@ -29,25 +30,6 @@ from vocc_torch.types import PanelShape
 def noise(*size: int, seed: int = 0) -> torch.Tensor:
     """Draw numbers, 0 to 255."""
     return 255 * torch.rand(*size, generator=torch.Generator().manual_seed(seed))
-
-
-def test_readings_between_pixels_are_opencvs():
-    plane, at = (
-        noise(40, 60),
-        noise(1, 500, 2, seed=1) / 255 * torch.tensor([59.0, 39.0]) + 0.5,
-    )
-    wanted = cv2.remap(
-        plane.numpy(),
-        at[0].numpy() - 0.5,
-        None,
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    # OpenCV's steps.
-    start, size = torch.tensor([[7]]), torch.tensor([[40, 60]])
-    buffer = torch.cat([noise(7), plane.flatten()])
-    seen = bilinear(buffer, start, size, at.mT)[0]
-    assert (seen - torch.from_numpy(wanted[:, 0])).abs().max() < 255 / 32 + 1e-3
 
 
 def test_cells_are_read_through_the_homography_of_opencv():
@@ -74,6 +56,26 @@ def test_cells_are_read_through_the_homography_of_opencv():
         quads, homography, shape, (samples, samples), 1
     )
     assert np.abs(seen[0].numpy() - wanted).max() < 0.5
+
+
+@pytest.mark.parametrize(("side", "grown"), [(20, 1), (130, 1), (130, 2), (130, 4)])
+def test_cells_of_any_level_are_read_as_by_opencv_and_edges_go_on(side, grown):
+    """Also in a frame that is a single level; a part of the cells lies beyond the frame."""
+    scales = Pyramid.of(noise(1, 1, side, side).byte())
+    shape, samples = PanelShape(4, 4), 4 // grown
+    corner = np.array([[0, 0], [16, 0], [16, 16], [0, 16]]) + side - 14.3
+    quads = torch.from_numpy(corner)[None]
+    seen = scales.read_cells(
+        quads, cell_homography(quads, shape), shape, (samples, samples), 0
+    )
+    level = scales.levels[grown.bit_length() - 1].float().numpy()
+    at = (side - 14.3 + grown * (np.arange(4 * samples) + 0.5)) / grown - 0.5
+    places = [place.astype(np.float32) for place in np.meshgrid(at, at)]
+    wanted = cv2.remap(
+        level, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    # OpenCV's steps.
+    assert np.abs(seen[0].numpy() - wanted).max() < 255 / 32 + 1e-3
 
 
 def test_halvings_are_opencvs_area_means_rounded():
@@ -212,26 +214,25 @@ def test_the_placer_takes_any_shape():
             assert (logit.shape, moves.shape) == ((3,), (3, 4, 2))
 
 
-@pytest.mark.parametrize("stride", [1, 2])
-def test_convolutions_are_scipys(stride):
-    layer, grey = Convolution(2, 3, stride), noise(2, 2, 13, 9)
-    state = layer.weight.detach().double().numpy(), layer.bias.detach().numpy()
-    edged = np.pad(grey.double().numpy(), ((0, 0), (0, 0), (1, 1), (1, 1)))
-    expected = np.stack(
-        [
-            [
-                correlate(plane, kernel, "valid")[0] + bias
-                for kernel, bias in zip(*state, strict=True)
-            ]
-            for plane in edged
-        ]
-    )[..., ::stride, ::stride]
-    learning = layer(grey)
-    assert learning.requires_grad
-    with torch.inference_mode():
-        found = layer(grey)
-    for outputs in (learning.detach(), found):
-        assert np.abs(outputs.numpy() - expected).max() < 1e-2
+def test_pictures_are_standardised_as_by_scipy():
+    pictures = noise(5, 12, 10)
+    wanted = np.stack([zscore(one.double().numpy(), axis=None) for one in pictures])
+    found = standardised(pictures, 0.0, 1.2).numpy()
+    assert np.abs(found - wanted.clip(-1.2, 1.2)).max() < 1e-5
+
+
+def test_views_are_of_the_candidate_with_its_corners_in_another_order():
+    net, pyramid = Placer().eval(), Pyramid.of(noise(1, 1, 120, 160).byte())
+    quads = torch.tensor([[[30, 20], [88, 26], [90, 72], [28, 65]]]).double()
+    for shape in (PanelShape(6, 6), PanelShape(6, 8)):
+        square = shape.rows == shape.columns
+        order = views(torch.tensor([[0, 1], [3, 2]]), square).flatten(1)
+        order = order[:, [0, 1, 3, 2]]
+        assert len(order.unique(dim=0)) == (8 if square else 4)
+        with torch.inference_mode():
+            odds, _ = placed_in_views(net, pyramid, quads, shape)
+            alone, _ = placed(net, pyramid, quads[0, order], shape)
+        assert float(odds) == pytest.approx(float(alone.mean()), abs=1e-4)
 
 
 @pytest.mark.parametrize(("shape", "turn"), [((6, 6), 1), ((6, 8), 2)])

@@ -87,6 +87,26 @@ def test_frames_are_rendered_on_the_cpu(tmp_path, monkeypatch):
     assert np.load(tmp_path / "b.npz")["grey"].shape == (2, 240, 320)
 
 
+def test_readings_between_pixels_are_opencvs():
+    noise = draws_of(3, 1)
+    plane, at = (
+        noise.uniform(0, 255, 40, 60)[0],
+        noise.uniform(0, 1, 500, 2) * torch.tensor([59.0, 39.0]) + 0.5,
+    )
+    wanted = cv2.remap(
+        plane.numpy(),
+        at[0].numpy() - 0.5,
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    # OpenCV's steps.
+    start, size = torch.tensor([[7]]), torch.tensor([[40, 60]])
+    buffer = torch.cat([torch.zeros(7), plane.flatten()])
+    seen = pool.bilinear(buffer, start, size, at.mT)[0]
+    assert (seen - torch.from_numpy(wanted[:, 0])).abs().max() < 255 / 32 + 1e-3
+
+
 def test_crops_are_put_back_into_their_frames(tmp_path):
     """A plain scene's frame is grey all over but for the crop that is rendered."""
     pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "paper", 8, 8, 3))

@@ -112,9 +112,10 @@ def board_cover(context: Context, size: framing.Size) -> Tensor:
     """Share of each pixel that the board covers, (B,H,W)."""
     origin = context.first_px.unsqueeze(1)
     camera_view = view.view_of(context)
-    corners = view.panel_corners_m(context.panel).to(context.scene.distance_m)
+    corners = view.panel_corners_m(context.panel)
+    corners = corners.to(context.scene.distance_m, non_blocking=True)
     if not view.in_perspective(context.effects):
-        ends = camera_view.points_px(corners[[0, 2]]) - origin
+        ends = camera_view.points_px(corners[::2]) - origin
         (left, top), (right, bottom) = (end.unbind(-1) for end in ends.unbind(1))
         across = raster.interval_cover(left, right, size[1]).unsqueeze(-2)
         return raster.interval_cover(top, bottom, size[0]).unsqueeze(-1) * across

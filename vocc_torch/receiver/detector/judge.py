@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from vocc_torch.receiver.detector.convolution import Convolution
+from vocc_torch.receiver.detector.layers import convolution, standardised
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.resample import cell_homography, cell_size_px, map_cells
 from vocc_torch.types import PanelShape
@@ -70,11 +70,11 @@ class Judge(nn.Module):
 
     def __init__(self, fine: int = 24, coarse: int = 32) -> None:
         super().__init__()
-        self.first = Convolution(SETTINGS.heat_px**2, fine)
-        self.down = Convolution(fine, coarse, 2)
-        self.mid = nn.ModuleList([Convolution(coarse, coarse) for _ in range(3)])
-        self.deep = Convolution(coarse, coarse, 2)
-        self.deep2 = Convolution(coarse, coarse)
+        self.first = convolution(SETTINGS.heat_px**2, fine)
+        self.down = convolution(fine, coarse, 2)
+        self.mid = nn.ModuleList([convolution(coarse, coarse) for _ in range(3)])
+        self.deep = convolution(coarse, coarse, 2)
+        self.deep2 = convolution(coarse, coarse)
         self.heat = nn.Conv2d(fine, 4, 1)
         self.coarse_heat = nn.Conv2d(coarse, 4 * SETTINGS.heat_px**2, 1)
         self.score = nn.Sequential(
@@ -83,11 +83,7 @@ class Judge(nn.Module):
 
     def forward(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
         """Score pictures (n,H,W) of candidates, (n,), and map their corners, (n,4,H/2,W/2) logits."""
-        spread, mean = torch.var_mean(pictures.flatten(1), 1, correction=0)
-        contrast = (spread + SETTINGS.grain).sqrt()[:, None, None]
-        light = ((pictures - mean[:, None, None]) / contrast).clamp(
-            -SETTINGS.most, SETTINGS.most
-        )
+        light = standardised(pictures, SETTINGS.grain, SETTINGS.most)
         blocks = functional.pixel_unshuffle(light[:, None], SETTINGS.heat_px)
         fine = self.first(blocks).relu()
         coarse = self.mid[0](self.down(fine).relu()).relu()

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from vocc_torch.receiver.detector.convolution import Convolution
+from vocc_torch.receiver.detector.layers import convolution, standardised
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.resample import (
     cell_homography,
@@ -54,9 +54,9 @@ class Placer(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         wide = SETTINGS.channels
-        self.first = Convolution(SETTINGS.samples**2, wide)
+        self.first = convolution(SETTINGS.samples**2, wide)
         self.layers = nn.ModuleList(
-            [Convolution(wide, wide) for _ in range(SETTINGS.layers)]
+            [convolution(wide, wide) for _ in range(SETTINGS.layers)]
         )
         self.around = nn.Linear(2 * wide, wide)
         self.off = nn.Conv2d(wide, 3, 1)
@@ -66,10 +66,7 @@ class Placer(nn.Module):
 
     def forward(self, patches: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
         """Score patches (n,(R+2M)K,(C+2M)K) of candidates, (n,) logits, and move corners (n,4,2), cells."""
-        spread, mean = torch.var_mean(patches.flatten(1), 1, correction=0)
-        contrast = (spread + SETTINGS.grain).sqrt()[:, None, None]
-        light = (patches - mean[:, None, None]) / contrast
-        light = light.clamp(-SETTINGS.most, SETTINGS.most)
+        light = standardised(patches, SETTINGS.grain, SETTINGS.most)
         cells = functional.pixel_unshuffle(light[:, None], SETTINGS.samples)
         state = self.first(cells).relu()
         for number, layer in enumerate(self.layers):
@@ -122,33 +119,54 @@ def placed(
     net: Placer, pyramid: Pyramid, quads: Tensor, shape: PanelShape
 ) -> tuple[Tensor, Tensor]:
     """Score candidates (n,4,2) float64 px, (n,), and move their corners, (n,4,2)."""
-    samples = SETTINGS.samples, SETTINGS.samples
     homography = cell_homography(quads, shape)
-    patches = pyramid.read_cells(quads, homography, shape, samples, SETTINGS.margin)
-    logit, moves = net(patches, shape)
+    logit, moves = net(patches(pyramid, quads, homography, shape), shape)
     return logit, map_cells(homography, corner_cells(shape) + moves.double())
+
+
+def patches(
+    pyramid: Pyramid, quads: Tensor, homography: Tensor, shape: PanelShape
+) -> Tensor:
+    """Read what the placer sees of candidates (n,4,2) px, (n,h,w)."""
+    samples = SETTINGS.samples, SETTINGS.samples
+    return pyramid.read_cells(quads, homography, shape, samples, SETTINGS.margin)
 
 
 def placed_in_views(
     net: Placer, pyramid: Pyramid, quads: Tensor, shape: PanelShape
 ) -> tuple[Tensor, Tensor]:
     """Do what :func:`placed` does, in the mean of all turned and mirrored views of each candidate."""
-    order = _views(shape.rows == shape.columns)
-    seen = quads[:, order].flatten(0, 1)
-    logit, moved = placed(net, pyramid, seen, shape)
-    back = order.argsort(1)
-    moved = moved.view(-1, *order.shape, 2)
-    moved = moved[:, torch.arange(len(order))[:, None], back]
-    return logit.view(-1, len(order)).mean(1), moved.mean(1)
+    homography = cell_homography(quads, shape)
+    square = shape.rows == shape.columns
+    seen = views(patches(pyramid, quads, homography, shape), square)
+    logit, moves = net(seen.flatten(0, 1), shape)
+    back, axes = _views_of_corners(square)
+    moves = moves.double().view(-1, *back.shape, 2) @ axes.to(moves.device)
+    moves = moves[:, torch.arange(len(back))[:, None], back].mean(1)
+    odds = logit.view(-1, len(back)).mean(1)
+    return odds, map_cells(homography, corner_cells(shape) + moves)
 
 
 @lru_cache(maxsize=2)
 @torch.inference_mode(False)
-def _views(square: bool) -> Tensor:
-    """Orders (V,4) of corners that a panel has, turned and mirrored; rows stay rows unless it is square."""
-    orders = [[0, 1, 2, 3], [2, 3, 0, 1], [1, 0, 3, 2], [3, 2, 1, 0]]
-    turned = [[1, 2, 3, 0], [3, 0, 1, 2], [0, 3, 2, 1], [2, 1, 0, 3]]
-    return torch.tensor(orders + turned * square)
+def _views_of_corners(square: bool) -> tuple[Tensor, Tensor]:
+    """Give where corners (V,4) of candidates are in the views, and the views' axes (V,2,2) in candidates."""
+    order = views(torch.tensor([[0, 1], [3, 2]]), square).flatten(1)[:, [0, 1, 3, 2]]
+    corners = corner_cells(PanelShape(1, 1))[order]
+    return order.argsort(1), corners[:, [1, 3]] - corners[:, :1]
+
+
+def views(pictures: Tensor, square: bool) -> Tensor:
+    """Turn and mirror pictures (...,h,w), to (...,V,h,w); rows stay rows unless they are square.
+
+    Example:
+        >>> views(torch.tensor([[1, 2]]), square=False).tolist()
+        [[[1, 2]], [[2, 1]], [[1, 2]], [[2, 1]]]
+    """
+    turned = [pictures, pictures.mT] if square else [pictures]
+    flips: tuple[tuple[int, ...], ...] = ((), (-1,), (-2,), (-2, -1))
+    seen = [picture.flip(flip) for picture in turned for flip in flips]
+    return torch.stack(seen, -3)
 
 
 def slips(quad: Tensor, shape: PanelShape) -> Tensor:

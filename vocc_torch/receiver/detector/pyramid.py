@@ -36,19 +36,20 @@ _HALVES = 0x00020002
 
 @dataclass(frozen=True)
 class Pyramid:
-    """Halvings of one frame, the frame itself first, in one buffer of grey values.
+    """Halvings of one frame, the frame itself first.
 
     Args:
-        buffer: (P,) uint8.
-        sizes: (H,W) of each level.
+        levels: (H,W) uint8 each.
+        atlas: (H,W) float32, the frame, and the other levels in a column beside it.
 
     Example:
-        >>> Pyramid.of(torch.zeros(1, 1, 100, 200, dtype=torch.uint8)).sizes
-        ((100, 200), (50, 100), (25, 50))
+        >>> scales = Pyramid.of(torch.zeros(1, 1, 100, 200, dtype=torch.uint8))
+        >>> [tuple(level.shape) for level in scales.levels], tuple(scales.atlas.shape)
+        ([(100, 200), (50, 100), (25, 50)], (100, 300))
     """
 
-    buffer: Tensor
-    sizes: tuple[tuple[int, int], ...]
+    levels: tuple[Tensor, ...]
+    atlas: Tensor
 
     @classmethod
     def of(cls, grey: Tensor) -> Self:
@@ -59,15 +60,16 @@ class Pyramid:
             and len(levels) < SETTINGS.most_levels
         ):
             levels.append(halved(levels[-1]))
-        sizes = tuple((level.shape[0], level.shape[1]) for level in levels)
-        return cls(torch.cat([level.flatten() for level in levels]), sizes)
-
-    @property
-    def levels(self) -> tuple[Tensor, ...]:
-        """The levels (H,W)."""
-        counts = [high * wide for high, wide in self.sizes]
-        parts = zip(torch.split(self.buffer, counts), self.sizes, strict=True)
-        return tuple(part.view(size) for part, size in parts)
+        high, wide = levels[0].shape
+        beside = levels[1].shape[1] if len(levels) > 1 else 0
+        atlas = grey.new_zeros(high, wide + beside, dtype=torch.float32)
+        atlas[:, :wide] = levels[0]
+        top = 0
+        for level in levels[1:]:
+            below = top + level.shape[0]
+            atlas[top:below, wide : wide + level.shape[1]] = level
+            top = below
+        return cls(tuple(levels), atlas)
 
     def read_cells(
         self,
@@ -90,8 +92,20 @@ class Pyramid:
             (n,(R+2M)K,(C+2M)L) grey values.
         """
         down, across = _axes(shape, samples, margin, quads.device)
-        at = grid_places(homography.float(), across, down).flatten(2)
-        read = self.read(at, self.level(quads, shape, samples))
+        level = self.level(quads, shape, samples)
+        scale, start, first, last = (part[level, :, None] for part in self._places())
+        # Of the atlas, where -1 and 1 are its edges.
+        at = homography[:, :2] * scale + homography[:, 2:] * start
+        at = torch.cat([at, homography[:, 2:]], 1).float()
+        places = grid_places(at, across, down)
+        places = places.maximum(first[..., None]).minimum(last[..., None])
+        grid = places.permute(0, 2, 3, 1).flatten(0, 1)
+        read = functional.grid_sample(
+            self.atlas[None, None],
+            grid[None],
+            padding_mode="border",
+            align_corners=False,
+        )
         return read.view(-1, len(down), len(across))
 
     def level(
@@ -101,14 +115,38 @@ class Pyramid:
         sides = torch.stack(cell_size_px(quads, shape), 1)
         sides = sides / sides.new_tensor(samples[::-1])
         level = sides.amax(1).clamp(min=1e-3).log2().round()
-        return level.clamp(0, len(self.sizes) - 1).long()
+        return level.clamp(0, len(self.levels) - 1).long()
 
-    def read(self, places: Tensor, level: Tensor) -> Tensor:
-        """Read places (n,2,P) px of the frame in levels (n,), (n,P)."""
-        size = torch.tensor(self.sizes, device=level.device)
-        starts = functional.pad(size.prod(1).cumsum(0), (1, 0))
-        at = places * 0.5 ** level[:, None, None]
-        return bilinear(self.buffer, starts[level, None], size[level], at)
+    def _places(self) -> list[Tensor]:
+        """Give each level's place in the atlas, (L,2) each across and down: scale, start, first and last pixel."""
+        sizes = tuple((level.shape[0], level.shape[1]) for level in self.levels)
+        return places_of(sizes, self.atlas.device)
+
+
+@lru_cache(maxsize=32)
+@torch.inference_mode(False)
+def places_of(sizes: tuple[tuple[int, int], ...], device: torch.device) -> list[Tensor]:
+    """Give where levels of sizes (H,W) lie in the atlas of a pyramid, whose edges are at -1 and 1.
+
+    Returns:
+        (L,2) float64 scales of a frame's pixels and starts, and (L,2) float32 first and last pixel centres.
+
+    Example:
+        >>> _, start, _, last = places_of(((4, 8), (4, 8)), torch.device("cpu"))
+        >>> start.tolist(), last[0].tolist()
+        ([[-1.0, -1.0], [0.0, -1.0]], [-0.0625, 0.75])
+    """
+    size = torch.tensor(sizes).double().flip(1)
+    beside = torch.tensor([high for high, _ in sizes[1:]]).cumsum(0)
+    start = torch.zeros_like(size)
+    start[1:, 0] = size[0, 0]
+    start[2:, 1] = beside[:-1]
+    whole = torch.stack([size[:2, 0].sum(), size[0, 1]])
+    unit = 2 / whole
+    scale = unit * 0.5 ** torch.arange(len(sizes))[:, None]
+    first, last = (start + 0.5) * unit - 1, (start + size - 0.5) * unit - 1
+    parts = scale, start * unit - 1, first.float(), last.float()
+    return [part.to(device) for part in parts]
 
 
 @lru_cache(maxsize=32)
@@ -143,34 +181,6 @@ def halved(levels: Tensor) -> Tensor:
     total += _HALVES
     total = total >> 2 & _ODD
     return total.view(torch.int16).byte()[..., : wide // 2].contiguous()
-
-
-def bilinear(buffer: Tensor, start: Tensor, size: Tensor, at: Tensor) -> Tensor:
-    """Read planes in a buffer (P,) at places (n,2,P), px, whose pixel centres lie at halves, to (n,P) float32.
-
-    Args:
-        buffer: grey values.
-        start: (n,1) int64 where the planes begin.
-        size: (n,2) int64 height and width.
-        at: across and down; beyond a plane its border pixels go on.
-
-    Example:
-        >>> start, size, at = torch.tensor([[0]]), torch.tensor([[1, 2]]), torch.tensor([[[1.0], [0.5]]])
-        >>> bilinear(torch.tensor([0.0, 8.0]), start, size, at).tolist()
-        [[4.0]]
-    """
-    last = size.flip(1)[..., None] - 1
-    at = (at - 0.5).clamp(min=0).minimum(last.to(at))
-    first = at.floor().minimum((last - 1).clamp(min=0).to(at))
-    share = (at - first).float().unbind(1)
-    column, row = first.long().unbind(1)
-    wide = size[:, 1:]
-    index = row * wide + column + start
-    right, below = (wide > 1).long(), wide * (size[:, :1] > 1)
-    corners = torch.stack([index, index + below, index + right, index + right + below])
-    near = buffer.index_select(0, corners.flatten()).float().view(2, 2, *index.shape)
-    upper, lower = torch.lerp(near[0], near[1], share[0])
-    return torch.lerp(upper, lower, share[1])
 
 
 def gate(plane: Tensor) -> Tensor:

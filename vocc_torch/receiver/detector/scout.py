@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from vocc_torch.receiver.detector import pyramid as pyramids
-from vocc_torch.receiver.detector.convolution import Convolution
+from vocc_torch.receiver.detector.layers import convolution
 from vocc_torch.receiver.detector.pyramid import Pyramid, gate
 from vocc_torch.types import PanelShape
 
@@ -57,24 +57,24 @@ class Scout(nn.Module):
         super().__init__()
         self.block = nn.Conv2d(1, 12, 4, 4)
         self.fine = nn.Sequential(
-            Convolution(12, 16, 2),
+            convolution(12, 16, 2),
             nn.ReLU(),
-            Convolution(16, 16),
+            convolution(16, 16),
             nn.ReLU(),
-            Convolution(16, 16),
+            convolution(16, 16),
             nn.ReLU(),
         )
         self.coarse = nn.Sequential(
-            Convolution(16, 24, 2),
+            convolution(16, 24, 2),
             nn.ReLU(),
-            Convolution(24, 24),
+            convolution(24, 24),
             nn.ReLU(),
-            Convolution(24, 24),
+            convolution(24, 24),
             nn.ReLU(),
             nn.Conv2d(24, 16, 1),
         )
         last = nn.Conv2d(16, OUTPUTS, 1)
-        self.head = nn.Sequential(Convolution(16, 16), nn.ReLU(), last)
+        self.head = nn.Sequential(convolution(16, 16), nn.ReLU(), last)
         last.bias = nn.Parameter(
             torch.tensor([SETTINGS.rare_logit] * SCORES + [0.0] * 8)
         )

@@ -14,7 +14,7 @@ from torch import Tensor
 from vocc_torch.api import load_scene, simulate
 from vocc_torch.files import atomic_file
 from vocc_torch.receiver.detector import pyramid as pyramids
-from vocc_torch.receiver.detector.pyramid import bilinear, halved
+from vocc_torch.receiver.detector.pyramid import halved
 from vocc_torch.receiver.resample import cell_size_px, rectify
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.studies.train_detector.clutter import mosaics
@@ -193,6 +193,34 @@ class Pool:
         start = self.starts[level, None] + frame[:, None] * size.prod(1, keepdim=True)
         places = at.double().nan_to_num() * 0.5 ** level[:, None, None]
         return bilinear(self.buffer, start, size, places)
+
+
+def bilinear(buffer: Tensor, start: Tensor, size: Tensor, at: Tensor) -> Tensor:
+    """Read planes in a buffer (P,) at places (n,2,P), px, whose pixel centres lie at halves, to (n,P) float32.
+
+    Args:
+        buffer: grey values.
+        start: (n,1) int64 where the planes begin.
+        size: (n,2) int64 height and width.
+        at: across and down; beyond a plane its border pixels go on.
+
+    Example:
+        >>> start, size, at = torch.tensor([[0]]), torch.tensor([[1, 2]]), torch.tensor([[[1.0], [0.5]]])
+        >>> bilinear(torch.tensor([0.0, 8.0]), start, size, at).tolist()
+        [[4.0]]
+    """
+    last = size.flip(1)[..., None] - 1
+    at = (at - 0.5).clamp(min=0).minimum(last.to(at))
+    first = at.floor().minimum((last - 1).clamp(min=0).to(at))
+    share = (at - first).float().unbind(1)
+    column, row = first.long().unbind(1)
+    wide = size[:, 1:]
+    index = row * wide + column + start
+    right, below = (wide > 1).long(), wide * (size[:, :1] > 1)
+    corners = torch.stack([index, index + below, index + right, index + right + below])
+    near = buffer.index_select(0, corners.flatten()).float().view(2, 2, *index.shape)
+    upper, lower = torch.lerp(near[0], near[1], share[0])
+    return torch.lerp(upper, lower, share[1])
 
 
 def levels_of(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
