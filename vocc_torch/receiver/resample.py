@@ -393,7 +393,7 @@ def _rectified_in_graph(
     factor has none of weigh nothing.
     """
     most: Any = factors.amax(0).item()  # in a graph no number yet
-    torch._check(most >= 1)  # type: ignore[no-untyped-call]
+    torch._check(most >= 1)  # type: ignore[no-untyped-call, unused-ignore]
     factor, within = factors[:, None, None], torch.arange(most)
     axes = []
     for leds in (shape.columns, shape.rows):
