@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from made_up_tallies import errors_of
 
 from vocc_torch.measure import runner, sweep
 from vocc_torch.measure.executors import Workers
@@ -65,7 +66,7 @@ class MadeUp:
     def of(self, part):
         halves = np.zeros((1, part.frames), np.int64)
         halves[0, : self.wrong[part.block % len(self.wrong)]] = 2
-        return FrameErrors(halves, halves >= 0, LEDS, keys=self.keys)
+        return errors_of(halves, LEDS, keys=self.keys)
 
     def read(self, content, part):
         return FrameErrors.unpacked(content, part.frames, LEDS, self.keys)

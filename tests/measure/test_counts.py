@@ -4,9 +4,9 @@ import numpy as np
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up_tallies import tallies
 
 from vocc_torch.measure.counts import Counts, half_errors
-from vocc_torch.measure.frame_errors import FrameErrors
 
 
 def frames(seed, count, rows, columns, error_rate, miss_rate):
@@ -36,9 +36,9 @@ def by_hand(decided, sent, found):
 def count(decided, sent, found):
     arrays = (torch.from_numpy(np.asarray(array)) for array in (decided, sent, found))
     halves = half_errors(*arrays).numpy()[None]
-    (counts,) = FrameErrors(
-        halves, np.asarray(found)[None], int(np.prod(sent.shape[1:]))
-    ).counts
+    (counts,), _ = tallies(
+        halves, int(np.prod(sent.shape[1:])), np.asarray(found)[None]
+    )
     return counts
 
 

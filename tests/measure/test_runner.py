@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_up_tallies import errors_of
 from one_point import LEDS, A, MadeUp
 
 from vocc_torch.errors import VoccError
@@ -272,17 +273,13 @@ def test_a_blocks_bytes_are_its_numbers_and_others_are_refused():
         rng.integers(0, 2 * LEDS + 1, (2, 10)),
         rng.integers(0, 2, (2, 2, 10)).astype(bool),
     )
-    errors = FrameErrors(
-        halves, flags[0], LEDS, rng.integers(-1, 3, 10), flags[1], keys
-    )
+    groups = rng.integers(-1, 3, 10)
+    errors = errors_of(halves, LEDS, flags[0], keys, flags[1], groups)
     read = FrameErrors.unpacked(errors.packed(), 10, LEDS, keys)
-    for name in ("half_errors", "found", "groups", "misplaced"):
-        assert np.array_equal(getattr(read, name), getattr(errors, name)), name
+    assert np.array_equal(read.numbers, errors.numbers)
     assert read.keys == keys
     assert read.counts == errors.counts
-    bomb = FrameErrors(
-        np.zeros((2, 10**6), np.int64), np.ones((2, 10**6), bool), LEDS
-    ).packed()
+    bomb = errors_of(np.zeros((2, 10**6), np.int64), LEDS).packed()
     for content in (b"", b"x", errors.packed()[:-9], bomb):
         with pytest.raises(VoccError, match="cannot be read"):
             FrameErrors.unpacked(content, 10, LEDS, keys)
@@ -312,10 +309,8 @@ def test_a_block_of_a_group_that_its_point_does_not_have_is_refused(
     plan = Plan(world, ReceiverPlan(), Experiment("e", axis, values), budget)
     bank = ReceiverBank(["average_greyscale"], FLDA(3))
     job = runner.Job(plan, world.scene, "e", runner.Banks([("truth", bank, 0)]))
-    right = np.ones((1, 64), bool)
-    errors = FrameErrors(
-        0 * right, right, 64, np.full(64, group), keys=job.receivers.keys
-    )
+    groups = np.full(64, group)
+    errors = errors_of(0 * groups[None], 64, keys=job.receivers.keys, groups=groups)
     (part,) = parts_of(64)
     if fits:
         assert job.read(errors.packed(), part).groups[0] == group

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.report.styles import rate_text
-from vocc_torch.report.terminal import ProgressView, StudyView, print_table
+from vocc_torch.report.terminal import ProgressView, point_lines, print_table
 
 OURS = [
     "center_greyscale",
@@ -74,22 +74,14 @@ def test_the_finished_table_is_plain_and_says_how_to_read_it(table):
         assert part in " ".join(text().split())
 
 
-def test_without_a_terminal_each_value_is_one_plain_line_and_no_rate_is_told_twice(
-    table,
-):
-    screen, text = console(width=40)
-    with StudyView("ambient_lx", table.values, table.receivers, 2000, screen) as view:
-        for value in table.values:
-            view.count(1000)
-            view.show([made_up_point(value, "flda_3", 1)])
-            view.count(1000)
-            view.finish(
-                [made_up_point(value, receiver, 5) for receiver in table.receivers]
-            )
-    assert text().splitlines() == [
-        f"ambient_lx={value}: 2000 frames, the whole budget"
-        for value in (1000, 8000, 32000)
-    ]
+def test_each_value_is_one_line_with_rates_where_they_are_asked_for(table):
+    for value in (1000, 8000):
+        points = [made_up_point(value, name, 5) for name in table.receivers]
+        (line,) = point_lines(points, rates=False)
+        assert line == f"ambient_lx={value}: 2000 frames, the whole budget"
+        (told,) = point_lines(points, rates=True)
+        rates = ", ".join(f"{p.receiver} {rate_text(p.counts.ber)}" for p in points)
+        assert told == f"{line}; {rates}"
 
 
 def test_counted_items_show_the_share_done_and_the_time_left():
@@ -102,20 +94,15 @@ def test_counted_items_show_the_share_done_and_the_time_left():
     assert re.search(r"decoding .* 50 % .* left", during)
 
 
-def test_a_terminal_shows_the_bar_and_the_filling_table_and_is_left_clean():
+def test_a_terminal_shows_the_bar_and_is_left_clean():
     screen, text = console(terminal=True)
-    with StudyView("ambient_lx", [1000.0, 2000.0], OURS, 128, screen) as view:
-        view.count(64)
-        view.show([made_up_point(1000, name, 9) for name in OURS])
-        view._bar.refresh()
-        view.count(64)
-        view.finish([made_up_point(1000, name, 9) for name in OURS])
-        view._bar.refresh()
+    with ProgressView(256, screen) as view:
+        for value, frames in (("1000", 64), ("2000", 64)):
+            view.advance(f"ambient_lx {value}", frames)
+            view._bar.refresh()
         during = text()
     plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", during)
     assert "25 %" in plain
     assert "50 %" in plain
     assert "ambient_lx 2000" in plain
-    assert rate_text(made_up_point(1000, "flda_3", 9).counts.ber) in plain
-    assert "\N{HORIZONTAL ELLIPSIS}" in plain
     assert text().endswith("\x1b[2K") or "\x1b[?25h" in text()

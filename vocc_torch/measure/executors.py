@@ -15,7 +15,8 @@ import socket
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -165,6 +166,25 @@ class Workers:
             return Reply(self._pool.submit(*packed))
         except futures.BrokenExecutor as error:
             raise _lost(error) from error
+
+    def map(self, call: Callable[[A], R], arguments: Iterable[A]) -> Iterator[R]:
+        """Make a call with each argument, and give the results in their order.
+
+        As many calls are handed out ahead as keep all workers busy.
+
+        Example:
+            >>> list(Workers(1).map(abs, [-3, 4]))
+            [3, 4]
+        """
+        calls = deque[futures.Future[R]]()
+        for argument in arguments:
+            calls.append(self.submit(call, argument))
+            while len(busy := [of for of in calls if not of.done()]) >= self.window:
+                futures.wait(busy, return_when=futures.FIRST_COMPLETED)
+            while calls and calls[0].done():
+                yield calls.popleft().result()
+        for waiting in calls:
+            yield waiting.result()
 
     def __enter__(self) -> Self:
         """Join the cluster, if there is one; no process of this machine is started yet."""

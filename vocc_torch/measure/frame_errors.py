@@ -1,5 +1,6 @@
 """What every receiver got wrong in each of the same frames; counts and comparisons follow from it."""
 
+import math
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,8 +13,6 @@ from vocc_torch.arrays import Bools, Integers
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.paired import PairedCounts
-
-ARRAYS = ("half_errors", "found", "groups", "misplaced")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,60 +34,44 @@ class FrameErrors:
     """What L receivers got wrong in each of the same N frames of one kind of scenes.
 
     Args:
-        half_errors: (L,N) int64, wrong bits, times two, 0 to twice ``leds``; ``leds`` where no panel was
-            found, since every bit is then a coin toss.
-        found: (L,N) bool, whether the receiver's locator found the panel.
+        numbers: (3L+1,N) int64. L rows of wrong bits, times two, 0 to twice ``leds``; ``leds`` where no panel
+            was found, since every bit is then a coin toss. L rows with 1 where the receiver's locator found
+            the panel, and L with 1 where it was missed or located off its place. Last the group that a frame
+            was sorted into, 0 where frames are not sorted.
         leds: bits in a frame, at least 1.
-        groups: (N,) int64, what the frames were sorted by; all 0 by default.
-        misplaced: (L,N) bool, whether the panel was missed or located off its place; nowhere by default.
-        keys: whose errors the rows are; none where rows are known by their places alone.
+        keys: whose errors the L rows are; none where rows are known by their places alone.
 
     Example:
-        >>> half = np.array([[4, 0, 64], [0, 2, 64]])
-        >>> errors = FrameErrors(half, np.array([[True, True, False]] * 2), leds=64)
+        >>> half, found = np.array([[4, 0, 64], [0, 2, 64]]), np.array([[1, 1, 0]] * 2)
+        >>> errors = FrameErrors(np.vstack([half, found, 1 - found, [0, 0, 0]]), leds=64)
         >>> [counts.half_errors for counts in errors.counts]
         [68, 66]
         >>> errors.pairs[0, 1].half_difference, errors.pairs[0, 1].discordant
         (2, 2)
     """
 
-    def __init__(
-        self,
-        half_errors: Integers,
-        found: Bools,
-        leds: int,
-        groups: Integers | None = None,
-        misplaced: Bools | None = None,
-        keys: Sequence[Key] = (),
-    ) -> None:
-        frames = half_errors.shape[1]
-        self.half_errors, self.found = half_errors, found
-        self.leds, self.keys = leds, tuple(keys)
-        self.groups = np.zeros(frames, np.int64) if groups is None else groups
-        self.misplaced = np.zeros_like(found) if misplaced is None else misplaced
+    def __init__(self, numbers: Integers, leds: int, keys: Sequence[Key] = ()) -> None:
+        self.numbers, self.leds, self.keys = numbers, leds, tuple(keys)
+        self.groups = numbers[-1]
+        self.table = numbers[:-1].reshape(3, len(numbers) // 3, numbers.shape[1])
+        self.half_errors, self.found, self.misplaced = self.table
 
     @classmethod
     def joined(cls, parts: Iterable[Self]) -> Self:
         """Join parts with the same receivers, at least one: the frames of the first, then of the second."""
         first, *others = parts
-        halves, found, groups, misplaced = (
-            np.concatenate([getattr(part, name) for part in (first, *others)], axis=-1)
-            for name in ARRAYS
-        )
-        return cls(halves, found, first.leds, groups, misplaced, first.keys)
+        numbers = np.hstack([part.numbers for part in (first, *others)])
+        return cls(numbers, first.leds, first.keys)
 
     @classmethod
     def stacked(cls, parts: Sequence[Self]) -> Self:
         """Join the rows of parts with the same frames, at least one."""
-        halves = np.concatenate([part.half_errors for part in parts])
-        found = np.concatenate([part.found for part in parts])
-        return cls(halves, found, parts[0].leds)
+        rows = np.concatenate([part.table for part in parts], axis=1)
+        return cls(np.vstack([*rows, parts[0].groups]), parts[0].leds)
 
     def packed(self) -> bytes:
         """Write the numbers as bytes; leds and keys are not among them."""
-        rows = [self.half_errors, self.found, self.misplaced, self.groups]
-        table = np.vstack(rows).astype("<i4")
-        return zlib.compress(table.tobytes(), level=1)
+        return zlib.compress(self.numbers.astype("<i4").tobytes(), level=1)
 
     @classmethod
     def unpacked(
@@ -105,25 +88,19 @@ class FrameErrors:
         Raises:
             VoccError: bytes that no such frames can give.
         """
-        rows = len(keys)
-        size = 4 * frames * (3 * rows + 1)
+        shape = 3 * len(keys) + 1, frames
         try:
-            unzipped = zlib.decompressobj().decompress(content, size + 1)
-            numbers = np.frombuffer(unzipped, "<i4").reshape(3 * rows + 1, frames)
+            size = 4 * math.prod(shape) + 1
+            unzipped = zlib.decompressobj().decompress(content, size)
+            numbers = np.frombuffer(unzipped, "<i4").reshape(shape).astype(np.int64)
         except (zlib.error, ValueError) as error:
-            described = f"counts of {rows} receivers in {frames} frames"
+            described = f"counts of {len(keys)} receivers in {frames} frames"
             raise VoccError(f"{described} cannot be read: {error}") from None
-        halves, flags = numbers[:rows], numbers[rows : 3 * rows]
-        if (
-            halves.min() < 0
-            or halves.max() > 2 * leds
-            or flags.min() < 0
-            or flags.max() > 1
-        ):
+        errors = cls(numbers, leds, keys)
+        most = np.array([2 * leds, 1, 1])[:, None, None]
+        if ((errors.table < 0) | (errors.table > most)).any():
             raise VoccError(f"counts have a frame with more wrong bits than its {leds}")
-        found, off = flags.astype(bool).reshape(2, rows, frames)
-        groups = numbers[-1].astype(np.int64)
-        return cls(halves.astype(np.int64), found, leds, groups, off, keys)
+        return errors
 
     def of(
         self,
@@ -131,13 +108,11 @@ class FrameErrors:
         frames: slice | Bools = slice(None),
     ) -> Self:
         """Give the same of some receivers, by their places, and of some frames, by place or where True."""
-        rows = np.arange(len(self.half_errors))[receivers]
-        halves = self.half_errors[rows][:, frames]
-        found = self.found[rows][:, frames]
-        misplaced = self.misplaced[rows][:, frames]
-        keys = [self.keys[row] for row in rows if self.keys]
-        groups = self.groups[frames]
-        return type(self)(halves, found, self.leds, groups, misplaced, keys)
+        table = self.table[:, receivers, :][:, :, frames]
+        places = np.arange(len(self.keys))
+        keys = [self.keys[place] for place in places[receivers]] if self.keys else []
+        numbers = np.vstack([*table, self.groups[frames]])
+        return type(self)(numbers, self.leds, keys)
 
     def place(self, key: Key) -> int:
         """Give the row of a receiver; one that learns nothing is the same after each training."""
@@ -157,9 +132,9 @@ class FrameErrors:
         """
         first = trainings[0]
         halves = np.sum([training.half_errors for training in trainings], axis=0)
-        found = np.all([training.found for training in trainings], axis=0)
-        leds = first.leds * len(trainings)
-        return cls(halves, found, leds, first.groups, first.misplaced, first.keys)
+        found = np.min([training.found for training in trainings], axis=0)
+        numbers = np.vstack([halves, found, first.misplaced, first.groups])
+        return cls(numbers, first.leds * len(trainings), first.keys)
 
     @cached_property
     def counts(self) -> list[Counts]:

@@ -95,11 +95,11 @@ def train_plans(
     # The longest training begins first.
     missing = [key for key in parts if key not in trained]
     longest = sorted(missing, key=lambda key: -_panels(parts[key]))
-    calls = {key: workers.submit(train_part, parts[key]) for key in longest}
-    for key, call in calls.items():
-        trained[key] = call.result()
+    coming = workers.map(train_part, [parts[key] for key in longest])
+    for key, training in zip(longest, coming, strict=True):
+        trained[key] = training
         progress()
-        keep(store, key, parts[key], trained[key])
+        keep(store, key, parts[key], training)
     return [Training.joined([trained[key] for key in keys]) for keys in parts_of_plans]
 
 

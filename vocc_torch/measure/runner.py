@@ -186,21 +186,17 @@ class Job:
         )
         for views in every:
             decided = list(deciders(views))
-            halves = [
+            rows = [
                 half_errors(bits, view.bits, view.panels.found)
                 for bits, view in decided
             ]
-            found = [view.panels.found for _, view in decided]
-            off = [view.misplaced for _, view in decided]
+            rows += [view.panels.found.long() for _, view in decided]
+            rows += [view.misplaced.long() for _, view in decided]
             seen = next(iter(views.values()))
-            groups = group_of(self.plan.experiment, link, seen)
-            batches.append((*map(torch.stack, (halves, found, off)), groups))
-        numbers, located, misplaced, sorted_by = (
-            torch.cat(parts, dim=-1).cpu().numpy()
-            for parts in zip(*batches, strict=True)
-        )
-        leds = link.reader.shape.leds
-        return FrameErrors(numbers, located, leds, sorted_by, misplaced, deciders.keys)
+            rows.append(group_of(self.plan.experiment, link, seen))
+            batches.append(torch.stack(rows))
+        numbers = torch.cat(batches, dim=1).cpu().numpy()
+        return FrameErrors(numbers, link.reader.shape.leds, deciders.keys)
 
     def __call__(self, parts: Sequence[Part]) -> list[bytes]:
         """Count some blocks; of these only the last may be used in part."""

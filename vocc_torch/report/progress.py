@@ -1,30 +1,15 @@
 """A progress bar with the time left, on a terminal alone."""
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Self, TypeVar
+from collections.abc import Iterable, Iterator
+from typing import Self, TypeVar
 
 from rich import progress
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from vocc_torch.report.folder import say
 
 T = TypeVar("T")
-
-Below = Callable[[], Table]
-"""Draws what stands under a bar."""
-
-
-class _Bar(progress.Progress):
-    """A bar over what stands under it: a terminal too low for all loses the end."""
-
-    below: Below | None = None
-
-    def get_renderables(self) -> Iterator[Any]:
-        yield from super().get_renderables()
-        if self.below is not None:
-            yield self.below()
 
 
 class _Speed(progress.ProgressColumn):
@@ -51,7 +36,6 @@ class ProgressView:
         frames: how many in all.
         console: where to draw; standard output by default.
         doing: what is done first.
-        below: draws what stands under the bar.
         unit: what is counted; empty for no speed.
 
     Example:
@@ -66,13 +50,12 @@ class ProgressView:
         frames: float,
         console: Console | None = None,
         doing: str = "training",
-        below: Below | None = None,
         unit: str = "frames",
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self.console = console or Console()
         drawn = self.console.is_terminal and not self.console.is_dumb_terminal
-        self._bar = _Bar(
+        self._bar = progress.Progress(
             "{task.description}",
             progress.BarColumn(None),
             "{task.percentage:>3.0f} %",
@@ -85,7 +68,6 @@ class ProgressView:
             transient=True,
             expand=True,
         )
-        self._bar.below = below
         self._bar.add_task(doing, total=frames)
         (self._task,) = self._bar.tasks
 
@@ -97,6 +79,11 @@ class ProgressView:
     def __exit__(self, *_: object) -> None:
         """Clear the live view; what was printed around it stays."""
         self._bar.stop()
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether there is a terminal to draw on."""
+        return not self._bar.disable
 
     @property
     def done(self) -> float:

@@ -1,9 +1,10 @@
 """What the terminal shows: progress while a run goes on, and the table of its rates at the end."""
 
+import math
 import time
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
 
 from rich import box
 from rich.console import Console as Console
@@ -12,19 +13,18 @@ from rich.text import Text as Text
 
 from vocc_torch.measure import plan, train
 from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import page
 from vocc_torch.report.folder import say
-from vocc_torch.report.progress import Below as Below
 from vocc_torch.report.progress import ProgressView as ProgressView
 from vocc_torch.report.styles import (
     LOOKS,
     axis_label,
     ends_text,
     point_text,
+    rate_or_limit,
     value_text,
 )
-
-Values = Sequence[float]
 
 
 def plain_table(*heads: str, **look: Any) -> Table:
@@ -42,6 +42,13 @@ def plain_table(*heads: str, **look: Any) -> Table:
     return table
 
 
+Row: TypeAlias = dict[str, Any]
+"""A row of a table by its columns; an :class:`Estimate` fills three of them."""
+
+BLANK = Estimate(math.nan, math.nan, math.nan)
+"""An estimate that cannot be stated, whose cells are empty."""
+
+
 def receiver_heading(name: str) -> str:
     """Break a receiver's name over lines, after each word of a long one, to head a narrow column.
 
@@ -52,62 +59,114 @@ def receiver_heading(name: str) -> str:
     return name if len(name) < 9 else name.replace("_", "_\n")
 
 
-def ber_table(
-    table: BerTable,
-    console: Console,
-    values: Values = (),
-    receivers: Sequence[str] = (),
-    *,
-    axis: str = "",
-    interim: Container[float] = (),
-    intervals: bool = True,
-) -> Table:
+def row_table(rows: Sequence[Row], columns: Mapping[str, str], **look: Any) -> Table:
+    """Lay rows out for the terminal.
+
+    Args:
+        rows: at least one. An estimate is written over its interval.
+        columns: their heads by name; words stand on the left.
+        look: what rich takes for the columns.
+    """
+    table = plain_table(*columns.values(), **look)
+    for place, name in zip(table.columns, columns, strict=True):
+        if cell_text(rows[0], name)[:1].isalpha():
+            place.justify = "left"
+    for row in rows:
+        cells = (cell_text(row, name).partition("\n") for name in columns)
+        dim = (Text.assemble(first, ("".join(rest), "dim")) for first, *rest in cells)
+        table.add_row(*dim)
+    return table
+
+
+def print_rows(rows: Sequence[Row], columns: Mapping[str, str], note: str) -> None:
+    """Print a table on the terminal.
+
+    Args:
+        rows: as they are written to a file, at least one.
+        columns: their heads by name.
+        note: what stands below the table.
+    """
+    console = Console()
+    console.print(row_table(rows, columns))
+    console.print(Text(note, style="dim"), soft_wrap=True)
+
+
+def cell_text(row: Row, name: str) -> str:
+    r"""Write a cell: a ratio, a rate or a number over its interval, or a limit.
+
+    Example:
+        >>> row: Row = {"ms": 12.345, "ber": Estimate(0.012, 0.01, 0.02)}
+        >>> cell_text(row, "ms"), cell_text(row, "ber")
+        ('12.3', '1.2e-2\n1.0e-2 to 2.0e-2')
+    """
+    value = row.get(name)
+    if value is None or value is BLANK:
+        return ""
+    if isinstance(value, Estimate):
+        if name.endswith("ratio"):
+            return ratio_text(value)
+        if name.endswith("ber"):
+            return "\n".join(rate_texts(value)).rstrip()
+        return f"{value.value:.3g}\n{value.low:.3g} to {value.high:.3g}"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def rate_texts(rate: Estimate) -> tuple[str, str]:
+    """Write a rate and its interval, or its limit.
+
+    Example:
+        >>> rate_texts(Estimate(0.0, 0.0, 1e-4))
+        ('< 1.0e-4', '')
+    """
+    text = rate_or_limit(rate.value, rate.high)
+    return text, ends_text(rate.low, rate.high) if rate.value else ""
+
+
+def ratio_text(ratio: Estimate) -> str:
+    """Write a ratio as a fraction or a multiple; a limit where the receiver made no error.
+
+    Example:
+        >>> ratios = (0, 0, 0.0027), (0.031, 0.02, 0.05), (4.2, 3.0, 6.0)
+        >>> [ratio_text(Estimate(*ends)) for ends in ratios]
+        ['< 1/370', '1/32', '4.2 x']
+    """
+    limit = "" if ratio.value else "< "
+    value = ratio.value or ratio.high
+    if value > 0.95:
+        return f"{limit}{float(f'{value:.2g}'):g} x"
+    return f"{limit}1/{float(f'{1 / value:.2g}'):g}"
+
+
+def ber_table(table: BerTable, console: Console) -> Table:
     """Lay the rates out: a row for each value of the axis, a column for each receiver.
 
     A console that is too narrow for a column a receiver gets a line for each point.
 
     Args:
-        table: any number of points.
+        table: at least one point.
         console: where the table is to be printed.
-        values: rows; those of the table by default. A point that is missing is an ellipsis.
-        receivers: columns; those of the table by default.
-        axis: quantity that varies; that of the table by default.
-        interim: values whose points are still running: they are dim.
-        intervals: whether the rates have their intervals below them.
-
-    Example:
-        >>> ber_table(BerTable(), Console(), [30.0, 70.0], ["flda_3"], axis="distance_m").row_count
-        2
     """
-    values, receivers = values or table.values, receivers or table.receivers
-    rows = {(row.value, row.receiver): row for row in table}
-    ascii_only = console.options.ascii_only
-    missing = "..." if ascii_only else "\N{HORIZONTAL ELLIPSIS}"
     # The axis's name in a narrow column; a long unit is left to the figure.
-    name, _, unit = axis_label(axis or table.axis).partition(" (")
+    name, _, unit = axis_label(table.axis).partition(" (")
     heading = "\n".join([*name.split(), *([f"({unit}"] if 0 < len(unit) < 9 else [])])
-    if ascii_only:
+    if console.options.ascii_only:
         heading = heading.replace("\N{SUPERSCRIPT TWO}", "2")
-    wide = plain_table(heading, *map(receiver_heading, receivers))
-    long = plain_table(
-        heading, "receiver", "BER", "95 %", no_wrap=False, overflow="fold"
-    )
-    long.columns[1].justify = "left"
-    for value in values:
-        style = "dim" if value in interim else ""
-        cells = []
-        for receiver in receivers:
-            row = rows.get((value, receiver))
-            rate = Text(point_text(row) if row else missing, style if row else "dim")
-            shown = intervals and row is not None and not row.error_free
-            ends = ends_text(row.ber_low, row.ber_high) if row and shown else ""
-            below = Text(ends, "dim")
-            cells.append(Text("\n").join([rate, below]) if ends else rate)
-            long.add_row(value_text(value), Text(receiver), rate, below)
-        wide.add_row(value_text(value), *cells)
+    wide, long = dict[float, Row](), list[Row]()
+    for value in table.values:
+        wide[value] = {"value": value_text(value)}
+        for row in table:
+            if row.value == value:
+                rate = Estimate(row.ber, row.ber_low, row.ber_high)
+                wide[value][f"{row.receiver}_ber"] = rate
+                place = {"value": value_text(value), "receiver": row.receiver}
+                long.append(place | {"ber": rate})
+    heads = {f"{name}_ber": receiver_heading(name) for name in table.receivers}
+    shown = row_table(list(wide.values()), {"value": heading, **heads})
     free = console.options.update(width=10_000)
-    fits = console.measure(wide, options=free).maximum <= console.width
-    return wide if fits else long
+    if console.measure(shown, options=free).maximum <= console.width:
+        return shown
+    heads = {"value": heading, "receiver": "receiver", "ber": "BER, 95 %"}
+    return row_table(long, heads, no_wrap=False, overflow="fold")
 
 
 def print_table(table: BerTable, console: Console | None = None) -> None:
@@ -147,102 +206,26 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     say(console, *lines)
 
 
-class StudyView(ProgressView):
-    """A view of a running curve: on a terminal a bar over a table that fills up, elsewhere a line a value.
+def point_lines(points: Iterable[Point], *, rates: bool) -> Iterator[str]:
+    """Say for each value of an axis how many frames it got and why not more.
 
     Args:
-        axis: quantity that varies.
-        values: its values, in the order they are run.
-        names: of the receivers, in the order of the columns.
-        frames: most of them at one value; what a point did not need leaves the total when it is finished.
-        console: where to draw.
-        runs: how often ``frames`` are run: once a value by default, once for all where the frames of
-            one run are sorted into the values.
+        points: of all receivers.
+        rates: whether the receivers' bit error rates follow.
 
     Example:
         >>> from vocc_torch.measure.counts import Counts
-        >>> point = Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096), "frames")
-        >>> with StudyView("distance_m", [50.0], ["flda_3"], 64, Console(width=80)) as view:
-        ...     view.count(64)
-        ...     view.finish([point])
-        distance_m=50: 64 frames, the whole budget
+        >>> point = Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096, 8), "frames")
+        >>> list(point_lines([point], rates=False))
+        ['distance_m=50: 64 frames, the whole budget']
     """
-
-    def __init__(
-        self,
-        axis: str,
-        values: Values,
-        names: Sequence[str],
-        frames: int,
-        console: Console,
-        runs: int = 0,
-    ) -> None:
-        """Prepare the view; nothing is drawn before the context is entered."""
-        self._axis, self._values, self._receivers = axis, tuple(values), tuple(names)
-        self._one_by_one = runs in (0, len(self._values))
-        self._finished: list[Point] = []
-        self._interim: list[Point] = []
-        self._rows = BerTable().rows
-        self._frames_a_point, self._frames_here = frames, 0
-        super().__init__(
-            frames * (runs or len(self._values)), console, self._doing(), self._table
-        )
-
-    def count(self, frames: int) -> None:
-        """Count frames of the current value that were run now."""
-        self._frames_here += frames
-        self.advance(self._doing(), frames)
-
-    def show(self, points: Iterable[Point]) -> None:
-        """Show where the current value's points stand, on a terminal; those without a frame do not."""
-        # Intervals are worked out only as often as the view is drawn.
-        self._interim = [point for point in points if point.counts.frames]
-
-    @property
-    def points(self) -> list[Point]:
-        """The finished points, and where those of the current value stand."""
-        return [*self._finished, *self._interim]
-
-    def finish(self, points: Iterable[Point]) -> None:
-        """Enter the finished points of one value, one for each receiver.
-
-        Frames of the point's budget that were not run now, because it stopped early or was already in the
-        ledger, leave the total. The rates are left to the table: its limits rest on all points.
-        """
-        self._finished += (points := list(points))
-        self._rows, self._interim = BerTable(self._finished).rows, []
-        not_run = self._frames_a_point - self._frames_here
-        self._bar.update(self._task.id, total=(self._task.total or 0) - not_run)
-        self._frames_here = 0
-        self.advance(self._doing(), 0)
-        by_value = {point.value: point for point in points if self._bar.disable}
-        for point in by_value.values():
-            why = LOOKS["stopped"].get(point.stopped_by, point.stopped_by)
-            self.say(
-                f"{self._axis}={value_text(point.value)}: {point.counts.frames} frames, {why}"
-            )
-
-    def _doing(self) -> str:
-        """Name the value that is being run, or the axis where all are run together."""
-        done = {point.value for point in self._finished}
-        left = [value for value in self._values if value not in done]
-        if left and self._one_by_one:
-            return f"{self._axis} {value_text(left[0])}"
-        return self._axis
-
-    def _table(self) -> Table:
-        """Draw the table so far."""
-        table, values = BerTable((*self._rows, *self._interim)), sorted(self._values)
-        interim = {point.value for point in self._interim}
-        return ber_table(
-            table,
-            self.console,
-            values,
-            self._receivers,
-            axis=self._axis,
-            interim=interim,
-            intervals=False,
-        )
+    table = BerTable(points)
+    for value in table.values:
+        rows = [row for row in table if row.value == value]
+        why = LOOKS["stopped"].get(rows[0].stopped_by, rows[0].stopped_by)
+        text = f"{table.axis}={value_text(value)}: {rows[0].frames} frames, {why}"
+        told = ", ".join(f"{row.receiver} {point_text(row)}" for row in rows)
+        yield f"{text}; {told}" if rates else text
 
 
 def train_shown(study: plan.Plan, console: Console) -> train.Training:

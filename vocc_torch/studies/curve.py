@@ -1,7 +1,6 @@
 """``task=train``, and ``task=test``: bit error rates along an axis or on a grid, and their report."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +37,7 @@ from vocc_torch.report import (
 from vocc_torch.report.annotation import annotated, enlarged
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.scene import SCENE_FIELDS
-from vocc_torch.studies.run import begin, cases_of, write_training
+from vocc_torch.studies.run import Run, begin, cases_of, write_training
 
 
 def run_train(settings: config.Settings, folder: Path) -> None:
@@ -71,25 +70,8 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     with begin(settings, folder, plan) as run, run.pool, timing.threads(1):
         samples.write_samples(folder, plan)
         training = run.train_here(plan, lambda: terminal.train_shown(plan, console))
-        rows = list(plan.rows().values())
-        views = [view_of(row, console) for row in rows]
-        jobs, places = list[runner.Job](), {}
-        for row, view in zip(rows, views, strict=True):
-            for case in cases_of(row, [plan]):
-                jobs.append(job := run.job(case))
-                places[job.point] = row, view, case.value or 0.0
-
-        def show(job: runner.Job, frames: int, tallies: runner.Tallies) -> None:
-            row, view, at = places[job.point]
-            view.count(frames)
-            view.show(sweep.points_of(row, at, tallies, "interrupted"))
-
-        outcomes = sweep.outcomes(jobs, run.pool, run.store, show, **drawing)
         table = None if is_grid else folder / "ber.csv"
-        curves = [
-            watched_curve(row, outcomes, view, table)
-            for row, view in zip(rows, views, strict=True)
-        ]
+        curves = count_curves(run, plan, table, **drawing)
         figures = write_results(settings, plan, training, curves, folder)
     for measured in curves:
         if is_grid:
@@ -108,33 +90,79 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     run_folder.print_places(console, folder, written, settings.tensorboard)
 
 
-def watched_curve(
-    plan: Plan,
-    outcomes: Iterator[runner.Outcome],
-    view: terminal.StudyView,
-    table: Path | None,
-) -> curve.Curves:
-    """Take a curve's points as they are finished, and show them.
+def count_curves(
+    run: Run, plan: Plan, table: Path | None, **drawing: sweep.Prepare
+) -> list[curve.Curves]:
+    """Count a curve, or each of a grid's rows, and print a line for every value.
 
     Args:
-        plan: of the curve.
-        outcomes: its own come next.
-        view: shows them.
-        table: where they are kept when Ctrl-C ends the run, or None.
+        run: workers, store and console.
+        plan: the study, which is trained.
+        table: where a curve's points are kept when Ctrl-C ends the run, or None.
+        **drawing: ``prepare`` of :func:`vocc_torch.measure.sweep.outcomes`.
 
     Raises:
         VoccError: no frame in any contrast bin.
     """
-    found = dict[float, runner.Outcome]()
-    with view, interrupted_keeps(table, view):
-        for at in plan.experiment.simulated_values:
-            done = found[at] = next(outcomes)
-            view.finish(sweep.points_of(plan, at, done.counts, done.stopped_by))
-    curves = sweep.curves_at(plan, plan.receiver.locator, found)
-    if not curves.values:
-        fault = "no frame fell into any contrast bin: widen the bins or the scenes"
-        raise VoccError(f"experiment.values: {fault}")
+    rows, jobs, places = plan.rows().values(), list[runner.Job](), {}
+    for row in rows:
+        for case in cases_of(row, [plan]):
+            jobs.append(job := run.job(case))
+            places[job.point] = row, case.value or 0.0
+    frames, interim = plan.frames_in_point, dict[str, list[curve.Point]]()
+    view = terminal.ProgressView(frames * len(jobs), run.console, "counting")
+
+    def show(job: runner.Job, counted: int, tallies: runner.Tallies) -> None:
+        row, at = places[job.point]
+        view.advance(job.point, counted)
+        points = sweep.points_of(row, at, tallies, "interrupted")
+        interim[row.experiment.name] = points
+
+    outcomes = sweep.outcomes(jobs, run.pool, run.store, show, **drawing)
+    curves = list[curve.Curves]()
+    with view:
+        for row in rows:
+            found, points = dict[float, runner.Outcome](), list[curve.Point]()
+            try:
+                for at in row.experiment.simulated_values:
+                    done = found[at] = next(outcomes)
+                    new = sweep.points_of(row, at, done.counts, done.stopped_by)
+                    for line in terminal.point_lines(new, rates=view.is_drawn):
+                        view.say(line)
+                    # What it did not need of its budget is done too.
+                    spent = len(curves) * len(row.experiment.simulated_values)
+                    behind = frames * (spent + len(found)) - view.done
+                    view.advance(row.experiment.name, max(0, behind))
+                    points += new
+                    interim.pop(row.experiment.name, None)
+            except KeyboardInterrupt:
+                points += interim.get(row.experiment.name, [])
+                keep_interrupted(curve.BerTable(points), table, run.console)
+                raise
+            curves.append(sweep.curves_at(row, row.receiver.locator, found))
+            if not curves[-1].values:
+                fault = (
+                    "no frame fell into any contrast bin: widen the bins or the scenes"
+                )
+                raise VoccError(f"experiment.values: {fault}")
     return curves
+
+
+def keep_interrupted(
+    points: curve.BerTable, path: Path | None, console: terminal.Console
+) -> None:
+    """Print and write the table of what was counted when Ctrl-C ends the run.
+
+    Args:
+        points: that have frames.
+        path: of the table; None writes none.
+        console: where it is printed.
+    """
+    if len(points):
+        terminal.print_table(points, console)
+        if path is not None:
+            run_folder.write_rows(path, rate_tables.ber_rows(points))
+            run_folder.print_places(console, path.parent, [("so far", path.name)])
 
 
 def demand_steps(experiment: config.Experiment) -> None:
@@ -148,35 +176,6 @@ def demand_steps(experiment: config.Experiment) -> None:
     except VoccError as error:
         hint = "give values further apart, or tensorboard=false"
         raise VoccError(f"experiment.values: {error}; {hint}") from None
-
-
-def view_of(plan: Plan, console: terminal.Console) -> terminal.StudyView:
-    """Give the view of a running curve."""
-    experiment, runs = plan.experiment, len(plan.experiment.simulated_values)
-    values, names = experiment.result_values, plan.receiver.names
-    return terminal.StudyView(
-        experiment.axis, values, names, plan.frames_in_point, console, runs
-    )
-
-
-@contextmanager
-def interrupted_keeps(path: Path | None, view: terminal.StudyView) -> Iterator[None]:
-    """Print and write the table of what was counted when Ctrl-C ends the run.
-
-    Args:
-        path: of the table; None writes none.
-        view: has the points.
-    """
-    try:
-        yield
-    except KeyboardInterrupt:
-        if len(table := curve.BerTable(view.points)):
-            terminal.print_table(table, view.console)
-            if path is not None:
-                run_folder.write_rows(path, rate_tables.ber_rows(table))
-                places = [("so far", path.name)]
-                run_folder.print_places(view.console, path.parent, places)
-        raise
 
 
 def kept(plan: Plan) -> str:

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up_tallies import errors_of
 
 from vocc_torch.measure.config import Experiment
-from vocc_torch.measure.frame_errors import FrameErrors, Key
+from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.plan import ClassifierPlan, World
 from vocc_torch.measure.runner import Outcome
 from vocc_torch.measure.sweep import curves_of
@@ -38,7 +39,7 @@ def errors(wrong):
     half = np.array(
         [2 * (bits // FRAMES + (frames < bits % FRAMES)) for bits in wrong.values()]
     )
-    return FrameErrors(half, half >= 0, 64, keys=list(wrong))
+    return errors_of(half, 64, keys=list(wrong))
 
 
 def curves():

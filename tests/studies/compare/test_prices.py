@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up_tallies import errors_of
 
 from vocc_torch.measure.config import Experiment
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.frame_errors import FrameErrors, Key
+from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.runner import Outcome
 from vocc_torch.measure.stage_times import STAGES, StageTimes
@@ -42,7 +43,7 @@ def measured(names, *trainings):
     half = np.zeros((len(keys), FRAMES), dtype=np.int64)
     for row, count in zip(half, itertools.chain(*trainings), strict=True):
         row[:count] = 2
-    errors = FrameErrors(half, half >= 0, LEDS, keys=keys)
+    errors = errors_of(half, LEDS, keys=keys)
     counts = {(key, 0): of for key, of in zip(keys, errors.counts, strict=True)}
     receivers = {name: Key("truth", name) for name in names}
     outcomes = {50.0: Outcome(errors, counts, "frames")}

@@ -78,13 +78,11 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     pool = executors.Workers.of(settings)
     progress = terminal.ProgressView(len(jobs), console, "recordings")
     with progress as view, pool, timing.threads(1):
-        # In this process a call is made at once, so it waits until it is asked for.
-        calls = ((job.place, pool.submit(recorded, job)) for job in jobs)
-        ahead = iter(calls) if pool.count == 1 else iter([*calls])
-        for place, same in groupby(ahead, key=lambda call: call[0]):
+        found = zip(jobs, pool.map(recorded, jobs), strict=True)
+        for place, same in groupby(found, key=lambda pair: pair[0].place):
             recordings = []
-            for _, call in same:
-                recordings.append(call.result())
+            for _, carried in same:
+                recordings.append(carried)
                 view.advance(f"{place.axis} {value_text(place.value)}", 1)
             results += [reduce(add, of) for of in zip(*recordings, strict=True)]
     run_folder.write_rows(folder / "messages.csv", [COLUMNS, *rows(results)])

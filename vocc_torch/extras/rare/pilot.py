@@ -6,8 +6,7 @@ neighbourhoods and scenes of its weakest LEDs. The proposal is then frozen, and 
 its frames.
 """
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import Future
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -62,15 +61,12 @@ def weighed_job(job: runner.Job, workers: Workers) -> WeighedJob:
     """Give what counts a point on frames where errors are expected instead of those of its scenes."""
     assert isinstance(job.receivers, runner.Banks)
     banks = {locator: bank for locator, bank, _ in job.receivers.banks}
-    scenes = proposal(job.plan, banks, job.model, job.point, workers.submit)
+    scenes = proposal(job.plan, banks, job.model, job.point, workers)
     return WeighedJob(job.plan, scenes, job.point, job.receivers, name=job.name)
 
 
-Submit = Callable[[Callable[[int], PilotFrames], int], Future[PilotFrames]]
-
-
 def proposal(
-    plan: Plan, banks: Banks, model: SceneModel, point: str, submit: Submit
+    plan: Plan, banks: Banks, model: SceneModel, point: str, workers: Workers
 ) -> TiltedScenes:
     """Find where a point's errors come from, by a pilot whose frames are not counted.
 
@@ -82,7 +78,7 @@ def proposal(
         banks: the receivers, trained with each of the locators, by the locator.
         model: the scenes that are meant.
         point: the point's name.
-        submit: hands out a call for a block.
+        workers: look at the blocks.
     """
     shape = plan.world.panel.shape
     guess = first_guess(shape, locates=any(bank != "truth" for bank in banks))
@@ -90,8 +86,7 @@ def proposal(
     looks: list[PilotFrames] = []
     for level, blocks in enumerate(LEVEL_BLOCKS):
         call = partial(look, plan, banks, scenes, f"{point}/pilot/{level}")
-        futures = [submit(call, block) for block in range(blocks)]
-        looks.append(joined([future.result() for future in futures]))
+        looks.append(joined([*workers.map(call, range(blocks))]))
         scenes = TiltedScenes.of(model, learned(scenes, looks, shape))
     return scenes
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.special import gammainccinv, gammaincinv
 
-from vocc_torch.arrays import Bools, Floats, Integers
+from vocc_torch.arrays import Floats, Integers
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
@@ -56,7 +56,7 @@ class WeightedCounts(Counts):
     def weigh(
         cls,
         halves: Integers,
-        found: Bools,
+        found: Integers,
         leds: int,
         weights: Floats,
         nominal: int,
@@ -65,7 +65,7 @@ class WeightedCounts(Counts):
 
         Args:
             halves: (N,) each frame's wrong bits, times two.
-            found: (N,) whether its panel was found.
+            found: (N,) 1 where its panel was found, else 0.
             leds: bits in a frame.
             weights: (N,) each frame's weight, at least 0.
             nominal: share of the frames, in 64ths, that come from the scenes that are meant.
@@ -80,7 +80,7 @@ class WeightedCounts(Counts):
             half_errors=sum(h for _, h in pairs),
             half_errors_squared=sum(h * h for _, h in pairs),
             frame_errors=len(wrong),
-            panels_missed=int((~found).sum()),
+            panels_missed=int((found == 0).sum()),
             nominal=len(halves) * nominal,
             weighted=sum(w * h for w, h in pairs),
             weighted_squares=sum(w * h * h for w, h in pairs),

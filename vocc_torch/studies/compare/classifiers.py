@@ -15,15 +15,9 @@ from vocc_torch.measure.train import Training
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import rate_tables, styles
+from vocc_torch.report.terminal import BLANK, Row, print_rows
 from vocc_torch.studies.compare import RivalsConfig, figures
-from vocc_torch.studies.compare.report import (
-    BLANK,
-    Row,
-    counted,
-    numbers_of,
-    print_rows,
-    write_report,
-)
+from vocc_torch.studies.compare.report import counted, numbers_of, write_report
 from vocc_torch.studies.compare.rivals import ClassifierStudy, build_classifier_study
 from vocc_torch.studies.run import Case, Run, begin, cases_of, write_training
 

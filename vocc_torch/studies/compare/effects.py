@@ -11,6 +11,7 @@ from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import Locator
 from vocc_torch.measure.runner import Outcome
+from vocc_torch.report.terminal import Row, print_rows
 from vocc_torch.studies.compare import EffectsConfig, figures
 from vocc_torch.studies.compare.effect_counts import (
     KINDS,
@@ -26,13 +27,7 @@ from vocc_torch.studies.compare.effect_scenes import (
     build_effect_study,
 )
 from vocc_torch.studies.compare.gallery import gallery_figure
-from vocc_torch.studies.compare.report import (
-    Row,
-    counted,
-    flat,
-    print_rows,
-    write_report,
-)
+from vocc_torch.studies.compare.report import counted, flat, write_report
 from vocc_torch.studies.run import begin
 
 READINGS: dict[str, tuple[Locator, int]] = {

@@ -12,9 +12,9 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import heatmap, plots, styles
 from vocc_torch.report.plots import LOOK, Curve, Figure, Panel, Rows
 from vocc_torch.report.styles import Style
+from vocc_torch.report.terminal import BLANK, Row, rate_texts, ratio_text
 from vocc_torch.studies.compare.effect_scenes import EffectStudy
 from vocc_torch.studies.compare.prices import PriceList
-from vocc_torch.studies.compare.report import BLANK, Row, rate_texts, ratio_text
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.stage_times import StageTimes
 from vocc_torch.measure.train import Making
 from vocc_torch.report import styles
+from vocc_torch.report.terminal import rate_texts
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.compare import TradeoffConfig
-from vocc_torch.studies.compare.report import rate_texts
 
 FRAMINGS: Mapping[str, Framing] = {"whole": "filled", "crops": "crop"}
 """How frames are rendered that a receiver gets whole, or cut to the panel's surroundings."""

@@ -1,25 +1,18 @@
 """What every comparison leaves: tables on the terminal and in files, figures and the board."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from vocc_torch.measure import intervals
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import folder as run_folder
-from vocc_torch.report import styles, tensorboard
+from vocc_torch.report import tensorboard
 from vocc_torch.report.plots import Figure
-from vocc_torch.report.terminal import Console, Text, plain_table
-
-Row: TypeAlias = dict[str, Any]
-"""A row of a table by its columns; an :class:`Estimate` fills three of them."""
-
-BLANK = Estimate(math.nan, math.nan, math.nan)
-"""An estimate that cannot be stated, whose cells are empty."""
+from vocc_torch.report.terminal import BLANK, Console, Row
 
 
 def columns_of(name: str) -> tuple[str, str, str]:
@@ -82,43 +75,6 @@ def write_report(
     run_folder.print_places(Console(), folder, places, settings.tensorboard)
 
 
-def print_rows(rows: Sequence[Row], columns: Mapping[str, str], note: str) -> None:
-    """Print a table on the terminal.
-
-    Args:
-        rows: as they are written to a file, at least one.
-        columns: their heads by name; words stand on the left.
-        note: what stands below the table.
-    """
-    console, table = Console(), plain_table(*columns.values())
-    for place, name in zip(table.columns, columns, strict=True):
-        place.justify = "left" if isinstance(rows[0][name], str) else "right"
-    for row in rows:
-        table.add_row(*(Text(cell_text(row, name)) for name in columns))
-    console.print(table)
-    console.print(Text(note, style="dim"), soft_wrap=True)
-
-
-def cell_text(row: Row, name: str) -> str:
-    r"""Write a cell: a ratio, a rate or a number over its interval, or a limit.
-
-    Example:
-        >>> row: Row = {"ms": 12.345, "ber": Estimate(0.012, 0.01, 0.02)}
-        >>> cell_text(row, "ms"), cell_text(row, "ber")
-        ('12.3', '1.2e-2\n1.0e-2 to 2.0e-2')
-    """
-    value = row.get(name)
-    if value is None or value is BLANK:
-        return ""
-    if isinstance(value, Estimate):
-        if name.endswith("ratio"):
-            return ratio_text(value)
-        if name.endswith("ber"):
-            return "\n".join(rate_texts(value)).rstrip()
-        return f"{value.value:.3g}\n{value.low:.3g} to {value.high:.3g}"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
 def counted(counts: Counts) -> Row:
     """Give the cells of counts: frames, bits and the bit error rate with its interval."""
     return {
@@ -136,29 +92,3 @@ def numbers_of(row: Row) -> dict[str, float]:
         for name, cell in flat(row).items()
         if isinstance(cell, int | float)
     }
-
-
-def rate_texts(rate: Estimate) -> tuple[str, str]:
-    """Write a rate and its interval, or its limit.
-
-    Example:
-        >>> rate_texts(Estimate(0.0, 0.0, 1e-4))
-        ('< 1.0e-4', '')
-    """
-    text = styles.rate_or_limit(rate.value, rate.high)
-    return text, styles.ends_text(rate.low, rate.high) if rate.value else ""
-
-
-def ratio_text(ratio: Estimate) -> str:
-    """Write a ratio as a fraction or a multiple; a limit where the receiver made no error.
-
-    Example:
-        >>> ratios = (0, 0, 0.0027), (0.031, 0.02, 0.05), (4.2, 3.0, 6.0)
-        >>> [ratio_text(Estimate(*ends)) for ends in ratios]
-        ['< 1/370', '1/32', '4.2 x']
-    """
-    limit = "" if ratio.value else "< "
-    value = ratio.value or ratio.high
-    if value > 0.95:
-        return f"{limit}{float(f'{value:.2g}'):g} x"
-    return f"{limit}1/{float(f'{1 / value:.2g}'):g}"

@@ -13,6 +13,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.receiver.bank import needs_preambles
 from vocc_torch.receiver.receiver import StagedReceiver
+from vocc_torch.report.terminal import Row, print_rows
 from vocc_torch.studies.compare import TradeoffConfig, figures
 from vocc_torch.studies.compare.prices import (
     FRAMINGS,
@@ -23,12 +24,7 @@ from vocc_torch.studies.compare.prices import (
     recommendation,
     setting_name,
 )
-from vocc_torch.studies.compare.report import (
-    Row,
-    numbers_of,
-    print_rows,
-    write_report,
-)
+from vocc_torch.studies.compare.report import numbers_of, write_report
 from vocc_torch.studies.run import Case, Run, begin, scene_plan
 from vocc_torch.types import resolve_device
 

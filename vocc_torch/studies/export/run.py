@@ -1,7 +1,6 @@
 """``task=export``: simulated frames as PNG, with their truth as CSV and COCO JSON."""
 
 import json
-from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -83,17 +82,11 @@ def render(
     shards: Sequence["Shard"], pool: executors.Workers, console: terminal.Console
 ) -> int:
     """Write the shards that are not complete, shared out over workers; give how many were complete."""
-    complete = 0
-    frames = sum(shard.frames for shard in shards)
+    complete, frames = 0, sum(shard.frames for shard in shards)
     with pool, terminal.ProgressView(frames, console, "rendering") as view:
-        calls: deque[Any] = deque()
-        waiting = deque(shards)
-        while waiting or calls:
-            while waiting and len(calls) < pool.window:
-                shard = waiting.popleft()
-                calls.append((shard, pool.submit(Shard.write, shard)))
-            shard, call = calls.popleft()
-            complete += not call.result()
+        written = pool.map(Shard.write, shards)
+        for shard, is_new in zip(shards, written, strict=True):
+            complete += not is_new
             view.advance("rendering", shard.frames)
     return complete
 
