@@ -32,11 +32,15 @@ class Batched:
     """A record of tensors with one row a frame, which are taken, moved and overwritten together."""
 
     def each(self, change: Callable[[Tensor], Tensor]) -> Self:
-        """Change every tensor; other fields stay as they are."""
+        """Change every tensor, also those of records within; other fields stay as they are."""
+
+        def changed(value: object) -> object:
+            if isinstance(value, Batched):
+                return value.each(change)
+            return change(value) if isinstance(value, Tensor) else value
+
         values = (getattr(self, name) for name in self.__dataclass_fields__)
-        return type(self)(
-            *(change(value) if isinstance(value, Tensor) else value for value in values)
-        )
+        return type(self)(*map(changed, values))
 
     def __getitem__(self, rows: slice | Tensor) -> Self:
         """Take some of the rows, by a slice, a bool mask or their numbers (n,) int64."""

@@ -46,7 +46,7 @@ def test_a_drawing_covers_the_polygons_exact_area():
         drawing = sketch.Sketch()
         drawing.polygon(corners, 7.0)
         thing = sketch.Drawing.on_sensor(drawing.parts, lambda points: points)
-        ((_, keep, light),) = sketch.composed([thing], (0, 0, 64, 64))
+        keep, light = sketch.composed([thing], (0, 0, 64, 64))
         drawn = 1 - keep
         assert light == pytest.approx(7 * drawn, abs=0.03)
         wide.append(abs(drawn - exact).max())

@@ -13,7 +13,7 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation import photometry
 from vocc_torch.simulation.effects import Context, Effect, view
 from vocc_torch.simulation.raster import Size as Size
-from vocc_torch.types import Scene
+from vocc_torch.types import Batched, Scene
 
 LARGEST_LED_PX = 100_000
 """Widest image of an LED on offer: its cover of a pixel is then within 5e-6 of the exact one."""
@@ -83,16 +83,13 @@ Frames of such a size are drawn one at a time; each pixel takes 50 to 100 bytes,
 """
 
 SIZE_STEP = 1.2
-"""Ratio of the distances between which panels are drawn in crops of one size."""
+"""Ratio of the distances between which all panels are drawn in crops of one size."""
 
 CHUNK_PIXELS = 600_000
 """Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
 
-GROUP_PIXELS = 40_000
-"""Pixels in whose time a CPU begins another group of frames."""
-
-GROUP_PIXELS_ELSEWHERE = 10_000_000
-"""Pixels in whose time an accelerator does."""
+PART_FRAMES = 32
+"""Frames of several distances that are drawn in crops of one size."""
 
 
 def crop_size_px(
@@ -270,7 +267,7 @@ def lay_on_sensor(
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class Batch(Batched):
     """Frames that are drawn at one size.
 
     Args:
@@ -306,37 +303,20 @@ class Batch:
         """Count the frames."""
         return len(self.context.scene)
 
-    def to(self, device: torch.device) -> Self:
+    def to(self, device: torch.device | str) -> Self:
         """Move the frames to where they are drawn."""
-        if device.type == "cpu":
+        if torch.device(device).type == "cpu":
             return self
-        bits, centre, origin = (
-            part.to(device, non_blocking=True)
-            for part in (self.bits, self.centre_px, self.context.first_px)
-        )
-        iso = self.context.iso
-        context = replace(
-            self.context,
-            scene=self.context.scene.to(device),
-            origin_px=origin,
-            iso=None if iso is None else iso.to(device, non_blocking=True),
-            nearest_m=float(self.context.scene.distance_m.min()),
-        )
-        return replace(self, context=context, bits=bits, centre_px=centre)
+        moved = self.each(lambda value: value.to(device, non_blocking=True))
+        nearest_m = float(self.context.scene.distance_m.min())
+        return replace(moved, context=replace(moved.context, nearest_m=nearest_m))
 
     def taken(self, frames: slice | Tensor, size: Size) -> Self:
         """Take some frames, by a slice or by their numbers; a smaller size keeps the middle."""
-        context = self.context.taken(frames)
-        if size != self.size:
-            top, left = inset(self.size, size)
-            moved = context.first_px + context.first_px.new_tensor([left, top])
-            context = replace(context, origin_px=moved)
+        context, (top, left) = self.context.taken(frames), inset(self.size, size)
+        moved = context.first_px + context.first_px.new_tensor([left, top])
         return replace(
-            self,
-            context=context,
-            bits=self.bits[frames],
-            centre_px=self.centre_px[frames],
-            size=size,
+            self[frames], context=replace(context, origin_px=moved), size=size
         )
 
 
@@ -345,97 +325,45 @@ def inset(large: Size, small: Size) -> Size:
     return large[0] // 2 - small[0] // 2, large[1] // 2 - small[1] // 2
 
 
-def like_sized(
-    scene: Scene,
-    apart: Tensor,
-    size_px: Size,
-    tight_px: Callable[[float], Size],
-    worth_px: int = GROUP_PIXELS,
-) -> list[tuple[list[int], Size]]:
-    """Split a batch into groups of frames whose panels fit into small crops of one size.
-
-    Most of a crop that holds the nearest panel is uniform about a farther one, and need not be computed.
-
-    Args:
-        scene: B scenes.
-        apart: (B,) bool, the frames that must have ``size_px``.
-        size_px: height and width of crops that hold any of the panels.
-        tight_px: height and width of crops that hold a panel at a distance, or farther.
-        worth_px: pixels in whose time another group is begun.
-
-    Returns:
-        Of each group the frames' numbers, and the height and width, at most ``size_px``. Few frames go
-        with those of the next larger size, where that costs less than a group of their own.
-
-    Example:
-        >>> scene = Scene.cat([Scene.of(40, distance_m=30.0), Scene.of(40, distance_m=70.0)])
-        >>> sides = {30.0: (74, 74), 70.0: (40, 40)}
-        >>> groups = like_sized(scene, torch.zeros(80, dtype=torch.bool), (89, 89), lambda m: sides[m])
-        >>> [(len(rows), size) for rows, size in groups]
-        [(40, (40, 40)), (40, (74, 74))]
-    """
-    members: dict[float, list[int]] = {}
-    distances = torch.where(apart, 0.0, scene.distance_m).tolist()
-    for frame, distance in enumerate(distances):
-        step = -math.inf
-        if distance:
-            step = math.floor(math.log(distance) / math.log(SIZE_STEP))
-        members.setdefault(step, []).append(frame)
-    ordered = [members[step] for step in sorted(members, reverse=True)]
-    nearest = [min(distances[frame] for frame in group) for group in ordered]
-    tight = [tight_px(distance) if distance else size_px for distance in nearest]
-    sizes = [
-        (min(height, size_px[0]), min(width, size_px[1])) for height, width in tight
-    ]
-    groups: list[tuple[list[int], Size]] = []
-    waiting: list[int] = []
-    for index, group in enumerate(ordered):
-        waiting = waiting + group
-        size = sizes[index]
-        larger = (*sizes[index + 1 :], None)[0]
-        if (
-            larger is None
-            or len(waiting) * (math.prod(larger) - math.prod(size)) > worth_px
-        ):
-            groups.append((waiting, size))
-            waiting = []
-    return groups
-
-
-def in_groups(
+def drawn_by_distance(
     batch: Batch,
-    groups: Sequence[tuple[Sequence[int], Size]],
+    apart: Tensor,
+    tight_px: Callable[[float], Size],
     draw: Callable[[Batch], Tensor],
+    drawn_px: Size,
 ) -> Tensor:
-    """Draw frames in groups, each in pictures of its own size, laid into pictures of the batch's size.
+    """Draw frames in parts, those of far panels in smaller pictures, laid into pictures of the batch's size.
+
+    Most of a picture that holds the nearest panel is uniform about a farther one, and need not be computed.
 
     Args:
-        batch: frames whose panels lie in the middle of their pictures, or that are in a group of full size.
-        groups: frames' numbers, each in one group, and the size in which a panel's light has room.
-        draw: gives the pictures (n,1,h,w) of a batch, which is as large as the cache holds.
+        batch: frames whose panels lie in the middle of their pictures, but for those ``apart``.
+        apart: (B,) bool, the frames that are drawn in full size.
+        tight_px: height and width of pictures that hold a panel at a distance, or farther.
+        draw: gives the pictures (n,1,h,w) of a part, which is as large as the cache holds.
+        drawn_px: height and width of these pictures, for a part of the batch's size.
 
     Returns:
         (B,1,H,W), in the batch's order.
     """
-    order = [frame for frames, _ in groups for frame in frames]
-    in_order = order == list(range(len(batch)))
-    batch = batch if in_order else batch.taken(torch.tensor(order), batch.size)
-    drawn, begin = [], 0
-    for frames, size in groups:
-        chunk, end = max(1, CHUNK_PIXELS // math.prod(size)), begin + len(frames)
-        for start in range(begin, end, chunk):
-            pictures = draw(batch.taken(slice(start, min(start + chunk, end)), size))
-            if size != batch.size:
-                # The panel lies in the middle, so that every corner is beyond its light.
-                larger = pictures[:, :, :1, :1].repeat(1, 1, *batch.size)
-                top, left = inset(batch.size, size)
-                larger[:, :, top : top + size[0], left : left + size[1]] = pictures
-                pictures = larger
-            drawn.append(pictures)
-        begin = end
-    together = drawn[0] if len(drawn) == 1 else torch.cat(drawn)
-    if in_order:
-        return together
-    return together[
-        torch.tensor(order).argsort().to(together.device, non_blocking=True)
-    ]
+    distance_m = torch.where(apart, 0.0, batch.context.scene.distance_m)
+    sorted_m, order = distance_m.sort(descending=True, stable=True)
+    most = CHUNK_PIXELS // math.prod(drawn_px)
+    if sorted_m[0] > SIZE_STEP * sorted_m[-1]:
+        most = min(most, PART_FRAMES)
+    drawn = []
+    for frames in torch.split(order, max(1, most)):
+        nearest_m, size = float(distance_m[frames[-1]]), batch.size
+        if nearest_m:
+            height, width = tight_px(nearest_m)
+            size = min(height, size[0]), min(width, size[1])
+        pictures = draw(batch.taken(frames, size))
+        if size != batch.size:
+            # The panel lies in the middle, so that every corner is beyond its light.
+            larger = pictures[:, :, :1, :1].repeat(1, 1, *batch.size)
+            top, left = inset(batch.size, size)
+            larger[:, :, top : top + size[0], left : left + size[1]] = pictures
+            pictures = larger
+        drawn.append(pictures)
+    together = torch.cat(drawn)
+    return together[order.argsort().to(together.device, non_blocking=True)]

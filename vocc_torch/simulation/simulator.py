@@ -95,6 +95,7 @@ class Simulator:
         self._filling = next((e for e in self.effects if e.fills_sensor), None)
         self._colour = of_kind(self.effects, Colour)
         self.further = self._colour.further if self._colour else ()
+        self._channels = range(len(CHANNELS)) if self._colour else (None,)
         names = {effect.name for effect in self.effects}
         if (
             self._colour
@@ -117,13 +118,9 @@ class Simulator:
         corners_m = view.panel_corners_m(self.panel)
         panels = Panels.known(view.view_of(context).points_px(corners_m))
         present = housing.present(context)
-        panels = Panels(
-            panels.corners_px * present.view(-1, 1, 1),
-            present,
-            panels.score * present,
-            panels.candidates * present,
-        )
-        return panels.to(self.device)
+        return panels.each(
+            lambda part: part * present.view(-1, *[1] * (part.ndim - 1))
+        ).to(self.device)
 
     def led_centres_px(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> Tensor:
         """Where the centres of the LEDs are on the sensor, (B,R*C,2) px in raster order.
@@ -288,26 +285,18 @@ class Simulator:
         batch = framing.Batch.around(
             self._context(scene, keys), bits.cpu(), size, grid_px=grid_px
         )
-        origin, groups = batch.context.first_px, [(list(range(len(batch))), size)]
+        origin, apart = batch.context.first_px, torch.ones(len(batch)).bool()
         if self._filling is None and size != sensor:
             # A crop at the sensor's border need not lie about its panel's middle.
             last = origin.new_tensor([sensor[1] - size[1], sensor[0] - size[0]])
-            moved = ((origin == 0) | (origin == last)).any(dim=1)
-            tight = partial(
-                framing.crop_size_px,
-                self.effects,
-                self.camera,
-                self.panel,
-                margin_cells=0,
-            )
-            group_pixels = (
-                framing.GROUP_PIXELS
-                if self.device.type == "cpu"
-                else framing.GROUP_PIXELS_ELSEWHERE
-            )
-            groups = framing.like_sized(scene, moved, size, tight, group_pixels)
-        pictures = framing.in_groups(
-            batch, groups, lambda part: self.expose(part.to(self.device), window)
+            apart = ((origin == 0) | (origin == last)).any(dim=1)
+        world = self.effects, self.camera, self.panel
+        pictures = framing.drawn_by_distance(
+            batch,
+            apart,
+            partial(framing.crop_size_px, *world, margin_cells=0),
+            lambda part: self.expose(part.to(self.device), window),
+            sensor if self._filling and not window else size,
         )
         centre, origin = (
             points_px.to(self.device, non_blocking=True)
@@ -345,15 +334,15 @@ class Simulator:
         """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
         context, sensor = batch.context, self.camera.sensor_px
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
-        crop, apart = batch.size != sensor, len(after)
-        channels: Sequence[int | None] = [None]
-        if self._colour is not None:
-            channels = range(len(CHANNELS))
-            together = (isinstance(effect, OF_ALL_CHANNELS) for effect in after)
-            apart = [*together, True].index(True)
-        elif self._filling in after and crop and not window:
-            return self._filled(batch, after)
-        planes = []
+        is_crop, channels = batch.size != sensor, self._channels
+        is_laid = is_crop and not window and self._filling is not None
+        stops = [
+            isinstance(effect, OF_ALL_CHANNELS)
+            if self._colour
+            else is_laid and effect.fills_sensor
+            for effect in after
+        ]
+        apart, planes = [*stops, True].index(True), []
         for channel in channels:
             part = replace(batch, context=replace(context, channel=channel))
             value, current = self._run(
@@ -362,29 +351,19 @@ class Simulator:
                 part.context,
                 to_end=apart == len(after),
             )
-            if self._filling is None and crop:
+            if is_laid or (is_crop and self._filling is None):
                 framing.demand_even_border(value, batch)
             planes.append(value)
-        pictures = torch.cat(planes, dim=1), current
-        return self._run(pictures, after[apart:], context, to_end=True)[0]
-
-    def _filled(self, batch: framing.Batch, after: Sequence[Effect]) -> Tensor:
-        """Carry crops to the effect that fills the sensor, and there lay them on it."""
-        context, sensor = batch.context, self.camera.sensor_px
-        filling = [effect.fills_sensor for effect in after].index(True)
-        painted = self.paint(batch), Quantity.LUMINANCE
-        value, current = self._run(painted, after[:filling], context)
-        framing.demand_even_border(value, batch)
-        surround = framing.read_surround(value, batch.centre_px, context.first_px)
-        frames = []
-        for i, crop in enumerate(value.unsqueeze(1)):
-            part = batch.taken(slice(i, i + 1), batch.size).context
-            frame = framing.lay_on_sensor(crop, surround[i], part.first_px, sensor)
-            part = replace(part, origin_px=torch.zeros_like(part.first_px))
-            frames.append(
-                self._run((frame, current), after[filling:], part, to_end=True)[0]
+        pictures = torch.cat(planes, dim=1)
+        if is_laid:
+            surround = framing.read_surround(
+                pictures, batch.centre_px, context.first_px
             )
-        return torch.cat(frames)
+            pictures = framing.lay_on_sensor(
+                pictures, surround, context.first_px, sensor
+            )
+            context = replace(context, origin_px=torch.zeros_like(context.first_px))
+        return self._run((pictures, current), after[apart:], context, to_end=True)[0]
 
     def paint(self, batch: framing.Batch) -> Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""

@@ -7,7 +7,7 @@ and averaged, which leaves the share of each pixel that is covered and the mean 
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -274,54 +274,48 @@ def _extent(points: Floats) -> tuple[Integers, Integers]:
     )
 
 
-def composed(
-    things: Sequence[Drawing], window: Window
-) -> Iterator[tuple[int, Singles, Singles]]:
-    """Lay things before a picture, later ones over earlier ones, tile by tile.
+def composed(things: Iterable[Drawing], window: Window) -> Picture:
+    """Lay things before a picture, later ones over earlier ones.
 
     Args:
         things: on the sensor.
         window: within the sensor.
 
     Returns:
-        Of each row of tiles, top to bottom: the sensor's row where it begins in the window, how
-        much of what is behind stays in these rows of the window, and the light of the things.
+        How much of what is behind stays in each pixel of the window, and the light of the things.
 
     Example:
         >>> sketch = Sketch()
         >>> sketch.box((1.5, 3), 1, 2, 10.0)
         >>> thing = Drawing.on_sensor(sketch.parts, lambda points: points)
-        >>> [(top, keep[1, 1:3].tolist(), light[1, 1:3].tolist())
-        ...  for top, keep, light in composed([thing], (0, 0, 9, 9))]
-        [(0, [0.5, 0.0], [5.0, 10.0])]
+        >>> [part[1, 1:3].tolist() for part in composed([thing], (0, 0, 9, 9))]
+        [[0.5, 0.0], [5.0, 10.0]]
     """
-    if not things:
-        return
-    lasts, firsts = (
-        np.stack(extents)
-        for extents in zip(*(thing.extent for thing in things), strict=True)
-    )
-    left, top, right, bottom = window
+    begin, end = np.reshape(window, (2, 2))
     # A patch begins at a corner of its tile or of its thing, whatever the window, and so is the same in all.
-    start = left - left % TILE_PX
-    for row in range(top - top % TILE_PX, bottom, TILE_PX):
-        size = min(row + TILE_PX, bottom) - row, right - start
-        keep = np.ones(size, np.float32)
-        added = np.zeros(size, np.float32)
-        for column in range(start, right, TILE_PX):
-            first = np.array((column, row))
-            last = np.array((min(column + TILE_PX, right), row + size[0]))
-            within = (firsts < last) & (lasts > np.maximum(first, (left, top)))
-            for number in np.flatnonzero(within.all(axis=1)).tolist():
-                begin = np.maximum(first, firsts[number])
-                end = np.minimum(last, lasts[number])
-                if (patch := things[number].patch(begin, end)) is None:
-                    continue
-                cover, light = patch
-                x, y = (begin - (start, row)).tolist()
-                place = (slice(y, y + len(cover)), slice(x, x + cover.shape[1]))
-                keep[place] *= 1 - cover
-                added[place] *= 1 - cover
-                added[place] += light
-        inside = slice(max(top - row, 0), None), slice(left - start, None)
-        yield max(row, top), keep[inside], added[inside]
+    start = begin - begin % TILE_PX
+    width, height = end - start
+    keep = np.ones((height, width), np.float32)
+    added = np.zeros((height, width), np.float32)
+    for thing in things:
+        last, first = thing.extent
+        touched = (
+            np.maximum(first, begin) // TILE_PX,
+            -(-np.minimum(last, end) // TILE_PX),
+        )
+        for tile in np.ndindex(*(touched[1] - touched[0]).clip(min=0)):
+            corner = (touched[0] + tile) * TILE_PX
+            patch_px = np.maximum(corner, first)
+            patch = thing.patch(
+                patch_px, np.minimum(np.minimum(corner + TILE_PX, end), last)
+            )
+            if patch is None:
+                continue
+            cover, light = patch
+            x, y = patch_px - start
+            place = (slice(y, y + len(cover)), slice(x, x + cover.shape[1]))
+            keep[place] *= 1 - cover
+            added[place] *= 1 - cover
+            added[place] += light
+    left, top = begin - start
+    return keep[top:, left:], added[top:, left:]

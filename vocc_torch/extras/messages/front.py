@@ -119,7 +119,19 @@ class Front:
             self.follows, self.frames = True, self.frames - len(greys)
             self.tracker = Tracker(self.receiver.locator, self.receiver.shape)
             return self.locate(greys)
-        return self._cropped(greys, corners), corners.to(self.receiver.device)
+        # One window holds the panel in all frames; other pixels are never copied.
+        known = corners.nan_to_num().flatten(0, 1)
+        low, high = known.amin(dim=0), known.amax(dim=0)
+        room = SETTINGS.around * (high - low).max() + SETTINGS.least_around_px
+        begin, (right, bottom) = (low - room).clamp(min=0).int(), (high + room).tolist()
+        left, top = begin.tolist()
+        planes = [grey[top : int(bottom), left : int(right)] for grey in greys]
+        frames = Frames(
+            torch.from_numpy(np.stack(planes))[:, None],
+            begin.expand(len(greys), 2),
+            greys[0].shape,
+        )
+        return frames.to(self.receiver.device), corners.to(self.receiver.device)
 
     def _place(self, grey: Bytes) -> Tensor:
         """Give the panel's corners (4,2) in the next frame, no numbers where they are unknown."""
@@ -139,23 +151,6 @@ class Front:
         if self.corners_px is None or (self.follows and place is None):
             return torch.full((4, 2), torch.nan, dtype=torch.float64)
         return self.corners_px
-
-    def _cropped(self, greys: Sequence[Bytes], corners: Tensor) -> Frames:
-        """Crop frames to one window that holds the panel in all of them; other pixels are never copied."""
-        height, width = greys[0].shape
-        known = corners[~corners.isnan().any(dim=2).any(dim=1)].flatten(0, 1)
-        if not len(known):
-            known = torch.zeros(1, 2, dtype=torch.float64)
-        low, high = known.amin(dim=0), known.amax(dim=0)
-        room = SETTINGS.around * (high - low).max() + SETTINGS.least_around_px
-        size = torch.tensor([width, height])
-        begin = (low - room).floor().int().clamp(min=0).minimum(size - 1)
-        end = (high + room).ceil().int().maximum(begin + 1).minimum(size)
-        (left, top), (right, bottom) = begin.tolist(), end.tolist()
-        planes = np.stack([grey[top:bottom, left:right] for grey in greys])
-        origin = begin.expand(len(greys), 2)
-        crops = Frames(torch.from_numpy(planes)[:, None], origin, (height, width))
-        return crops.to(self.receiver.device)
 
     def _moves(self) -> bool:
         """Say whether the last looks saw the panel move."""

@@ -16,13 +16,19 @@ from vocc_torch.arrays import Floats, Singles
 from vocc_torch.errors import VoccError
 from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES, ordinary_file
 from vocc_torch.simulation.effects import street
-from vocc_torch.simulation.effects.base import Backdrop, Context, Effect, within
+from vocc_torch.simulation.effects.base import (
+    Context,
+    Effect,
+    FrameEffect,
+    Quantity,
+    within,
+)
 from vocc_torch.simulation.roadside import spread
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import Sketch
 
 
-class Photographs(Backdrop):
+class Photographs(FrameEffect, on=Quantity.BACKGROUND):
     """Photographs of a folder behind the panel, at a random place, scale and brightness in each frame.
 
     Grey values become light by undoing the gamma, and each photograph has a mean of 1 before its level. It
@@ -54,7 +60,6 @@ class Photographs(Backdrop):
     level: Distribution | float = within(
         0, 100, above=True, default=Distribution("log_uniform", (0.5, 2.0))
     )
-    sampled = True
 
     def __post_init__(self) -> None:
         """Check the ranges, and that there are pictures."""
@@ -70,34 +75,33 @@ class Photographs(Backdrop):
         )
         return hashlib.sha256(listing.encode()).hexdigest()
 
-    def shade(self, x: Tensor, y: Tensor, context: Context) -> Tensor:
-        """Look up each frame's photograph at the sensor's columns and rows, (B,1,H,W)."""
-        (height, width), shades = context.camera.sensor_px, []
-        pictures = pictures_of(self.folder, Path.cwd())
-        for i, generator in enumerate(context.generators(self.name, of_scene=True)):
-            path, _ = pictures[int(generator.integers(len(pictures)))]
-            light = light_of(path, self.gamma, 2 * max(height, width), context.channel)
-            sides = light.shape[0] - 1, light.shape[1] - 1
-            scale = (
-                min(max(height / sides[0], width / sides[1]), 1.0)
-                * 2 ** generator.random()
-            )
-            starts, mirrored = generator.random(2), generator.random() < 0.5
-            places = []
-            for at, full, side, start in zip(
-                (y[i], x[i]), (height, width), sides, starts, strict=True
-            ):
-                along = (at.flatten().cpu().numpy() + 0.5) / scale + start * max(
-                    side - full / scale, 0
-                )
-                along = np.abs(along - 2 * side * np.floor(along / (2 * side) + 0.5))
-                places.append((along - 0.5).clip(0, side - 1))
-            places[1] = sides[1] - 1 - places[1] if mirrored else places[1]
-            level = np.float32(self.drawn("level", generator))
-            shades.append(
-                torch.from_numpy(street.between(light, places[1], places[0]) * level)
-            )
-        return torch.stack(shades).unsqueeze(1)
+    def frame(self, plane: Tensor, generator: Generator, context: Context) -> Tensor:
+        """Multiply (1,H,W) background luminance by the frame's photograph."""
+        pictures, full = (
+            pictures_of(self.folder, Path.cwd()),
+            np.array(context.camera.sensor_px),
+        )
+        path, _ = pictures[int(generator.integers(len(pictures)))]
+        light = light_of(path, self.gamma, 2 * int(full.max()), context.channel)
+        sides = np.array(light.shape) - 1
+        scale = min(max(full / sides), 1.0) * 2 ** generator.random()
+        room = np.maximum(sides - full / scale, 0)
+        starts, mirrored = generator.random(2) * room, generator.random() < 0.5
+        places = []
+        for first, count, side, start in zip(
+            context.first_px[0].tolist()[::-1],
+            plane.shape[1:],
+            sides,
+            starts,
+            strict=True,
+        ):
+            along = (first + np.arange(count) + 0.5) / scale + start
+            along = np.abs(along - 2 * side * np.floor(along / (2 * side) + 0.5))
+            places.append((along - 0.5).clip(0, side - 1))
+        y, x = places
+        level = np.float32(self.drawn("level", generator))
+        shade = street.between(light, sides[1] - 1 - x if mirrored else x, y) * level
+        return plane * torch.from_numpy(shade).to(plane)
 
 
 @functools.cache

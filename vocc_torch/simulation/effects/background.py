@@ -16,6 +16,7 @@ from vocc_torch.simulation.effects.base import (
     BRIGHTEST,
     Context,
     Effect,
+    FrameEffect,
     Quantity,
     within,
 )
@@ -59,7 +60,7 @@ def power_law_noise(generator: Generator, size: raster.Size, beta: float) -> Sin
     return plane * np.float32(1 / rms if rms > 0 else 0)
 
 
-class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
+class BackgroundTexture(FrameEffect, on=Quantity.BACKGROUND):
     """A texture of mean 1 times the background, ``exp(s g) / mean(exp(s g))``, ``s^2 = ln(1 + c^2)``.
 
     g is :func:`power_law_noise` over the whole sensor and c the contrast. The texture is log-normal, as the
@@ -90,7 +91,6 @@ class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
         0, 1, above=True, hint="leave the effect out for a uniform background"
     )
     beta: float = within(0, 4, default=2.0)
-    sampled = fills_sensor = True
 
     def texture(self, generator: Generator, sensor_px: raster.Size) -> Singles:
         """Draw one frame's texture on the whole sensor, (height, width), mean 1."""
@@ -100,24 +100,15 @@ class BackgroundTexture(Effect, on=Quantity.BACKGROUND):
         )
         return texture * np.float32(1 / texture.mean(dtype=np.float64))
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Multiply (B,1,H,W) background luminance by each frame's texture."""
-        height, width = value.shape[-2:]
-        frames = zip(
-            context.generators(self.name, of_scene=True),
-            context.first_px.tolist(),
-            strict=True,
-        )
-        parts = []
-        for generator, (x, y) in frames:
-            texture = torch.from_numpy(
-                self.texture(generator, context.camera.sensor_px)
-            )
-            parts.append(texture[y : y + height, x : x + width])
-        return value * torch.stack(parts).unsqueeze(1).to(value)
+    def frame(self, plane: Tensor, generator: Generator, context: Context) -> Tensor:
+        """Multiply (1,H,W) background luminance by the frame's texture."""
+        (x, y), (height, width) = context.first_px[0].tolist(), plane.shape[1:]
+        texture = self.texture(generator, context.camera.sensor_px)
+        part = torch.from_numpy(texture[y : y + height, x : x + width])
+        return plane * part.to(plane)
 
 
-class Lamps(Effect, on=Quantity.BACKGROUND):
+class Lamps(FrameEffect, on=Quantity.BACKGROUND):
     """Round lamps at random places behind the panel, each covering the exact area of its disc.
 
     The centres are uniform over the sensor, so a border may cut a lamp. A lamp's image has the diameter that
@@ -146,30 +137,27 @@ class Lamps(Effect, on=Quantity.BACKGROUND):
     count: int = within(1, MOST_LAMPS, whole=True)
     luminance_cd_m2: float = within(0, BRIGHTEST, above=True)
     diameter_m: float = within(0, 10, above=True)
-    sampled = fills_sensor = True
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Paint each frame's lamps onto its (B,1,H,W) background luminance."""
+    def frame(self, plane: Tensor, generator: Generator, context: Context) -> Tensor:
+        """Paint the frame's lamps onto its (1,H,W) background luminance."""
         camera, distance_m = context.camera, context.scene.distance_m
-        sensor_px, painted = (camera.width_px, camera.height_px), value.clone()
         shining = torch.full_like(distance_m, self.luminance_cd_m2).view(-1, 1, 1)
-        luminances = light.dimmed_once(shining, context).flatten().tolist()
-        middles = context.draws(
-            self.name, lambda g: g.random((self.count, 2)) * sensor_px, of_scene=True
-        )
-        middles = middles - context.first_px.unsqueeze(1)
+        luminance = float(light.dimmed_once(shining, context))
+        sensor_px = camera.width_px, camera.height_px
+        middles = torch.from_numpy(generator.random((1, self.count, 2)) * sensor_px)
+        middles = middles.to(distance_m) - context.first_px
         radius = self.diameter_m / 2 * camera.pixels_per_metre(distance_m)
-        spread = torch.diag_embed(radius.square().view(-1, 1, 1).expand_as(middles))
-        every = torch.ones_like(middles[..., 0], dtype=torch.bool).flatten()
-        size = value.shape[2], value.shape[3]
+        spread = torch.diag_embed(radius.square().view(1, 1, 1).expand_as(middles))
+        every = torch.ones(self.count, dtype=torch.bool, device=middles.device)
+        size = plane.shape[1], plane.shape[2]
         discs = raster.ellipse_patches(middles, spread, every, canvas_px=size)
-        for lamps, cover, left, top in discs:
-            places = zip(lamps.tolist(), left.tolist(), top.tolist(), strict=True)
-            for (lamp, x, y), disc in zip(places, cover.to(value.dtype), strict=True):
-                frame, (height, width) = lamp // self.count, disc.shape
-                window = painted[frame, 0, y : y + height, x : x + width]
-                window.mul_(1 - disc).add_(disc * luminances[frame])
-        return painted
+        for _, cover, left, top in discs:
+            places = zip(left.tolist(), top.tolist(), cover.to(plane), strict=True)
+            for x, y, disc in places:
+                height, width = disc.shape
+                window = plane[0, y : y + height, x : x + width]
+                window.mul_(1 - disc).add_(disc * luminance)
+        return plane
 
 
 FARTHEST_M = 100.0

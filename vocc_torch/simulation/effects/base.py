@@ -21,7 +21,7 @@ from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.plugins import one_line
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.scene import Distribution
-from vocc_torch.types import Scene, kind_of
+from vocc_torch.types import Batched, Scene, kind_of
 
 Extent = tuple[float, float]
 """Height and width of an image, px."""
@@ -60,7 +60,7 @@ class Quantity(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Context:
+class Context(Batched):
     """What an effect may know besides the tensor it changes: the frames' scenes, the camera, the panel."""
 
     scene: Scene
@@ -115,16 +115,9 @@ class Context:
 
     def taken(self, frames: slice | Tensor) -> "Context":
         """Take some frames, by a slice or by their numbers."""
-        keys = self.keys
-        return replace(
-            self,
-            scene=self.scene[frames],
-            keys=keys[frames]
-            if isinstance(frames, slice)
-            else [keys[frame] for frame in frames.tolist() if keys],
-            origin_px=self.first_px[frames],
-            iso=None if self.iso is None else self.iso[frames],
-        )
+        numbers = torch.arange(len(self.scene))[frames].tolist()
+        keys = [self.keys[number] for number in numbers if self.keys]
+        return replace(self[frames], keys=keys)
 
     def draws(
         self,
@@ -327,6 +320,31 @@ Kind = TypeVar("Kind", bound=Effect)
 def of_kind(effects: Iterable[Effect], kind: type[Kind]) -> Kind | None:
     """Find the effect of a kind among those of a scene, or None."""
     return next((effect for effect in effects if isinstance(effect, kind)), None)
+
+
+class FrameEffect(Effect):
+    """An effect that draws each frame by itself, at random; a frame and its preambles share what it draws."""
+
+    sampled = fills_sensor = True
+
+    @abstractmethod
+    def frame(self, plane: Tensor, generator: Generator, context: Context) -> Tensor:
+        """Change one frame.
+
+        Args:
+            plane: (C,H,W), may be changed in place.
+            generator: the frame's random stream.
+            context: of this frame alone.
+        """
+
+    def __call__(self, value: Tensor, context: Context) -> Tensor:
+        """Change (B,C,H,W) frame by frame."""
+        frames = enumerate(context.generators(self.name, of_scene=True))
+        planes = [
+            self.frame(value[i].clone(), generator, context.taken(slice(i, i + 1)))
+            for i, generator in frames
+        ]
+        return torch.stack(planes)
 
 
 class PointEffect(Effect, on=Quantity.IMAGE_POINTS):

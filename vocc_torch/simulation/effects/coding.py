@@ -4,6 +4,7 @@ import numpy as np
 import torch
 from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale, ycbcr_to_rgb
 from kornia.enhance import jpeg_codec_differentiable
+from numpy.random import Generator
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
@@ -11,6 +12,7 @@ from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects.base import (
     Context,
     Effect,
+    FrameEffect,
     Quantity,
     of_kind,
     within,
@@ -127,7 +129,7 @@ class Saturation(Effect, on=Quantity.GREY, to=Quantity.BOUNDED_GREY):
         return value.clamp(max=255.0)
 
 
-class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
+class Letterbox(FrameEffect, on=Quantity.BOUNDED_GREY):
     """Black bars and a line of text that a recorder writes over the picture.
 
     Neither lens nor sensor sees it, so its edges are sharp and free of noise. Of the bars' frames half have
@@ -155,44 +157,39 @@ class Letterbox(Effect, on=Quantity.BOUNDED_GREY):
     )
     share: float = within(0, 1, default=0.2)
     lettering: float = within(0, 1, default=0.0)
-    sampled = fills_sensor = True
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Cover a part of each frame's (B,1,H,W) grey values."""
-        frames, (height, width) = list(value), context.camera.sensor_px
-        generators = context.generators(self.name, of_scene=True)
-        firsts = context.first_px.tolist()
-        for i, (generator, (left, top)) in enumerate(
-            zip(generators, firsts, strict=True)
-        ):
-            rows = top + np.arange(value.shape[2])
-            columns = left + np.arange(value.shape[3])
-            bar = self.drawn("bar", generator) * (generator.random() < self.share)
-            along, full = ((rows[:, None], height), (columns, width))[
-                int(generator.random() < 0.5)
-            ]
-            mask = letters_mask(words_of(generator, generator.integers(8, 24)))
-            times = max(1, round(height * generator.uniform(0.01, 0.04) / len(mask)))
-            x, y, white = *generator.random(2), 255.0 * (generator.random() < 0.8)
-            y = (0.01 if y < 0.5 else 0.98) * (height - times * len(mask))
-            if bar:
-                black = torch.from_numpy(
-                    (along < bar * full) | (along >= (1 - bar) * full)
-                )
-                frames[i] = frames[i].masked_fill(black.to(value.device), 0.0)
-            if generator.random() < self.lettering:
-                row = (rows - round(y)) // times
-                column = (columns - round(x * width * 0.5)) // times
-                shown = (
-                    (row >= 0) & (row < len(mask)),
-                    (column >= 0) & (column < mask.shape[1]),
-                )
-                lit = np.zeros(value.shape[2:], dtype=bool)
-                lit[np.ix_(*shown)] = mask[np.ix_(row[shown[0]], column[shown[1]])]
-                frames[i] = frames[i].masked_fill(
-                    torch.from_numpy(lit).to(value.device), white
-                )
-        return torch.stack(frames)
+    def frame(self, plane: Tensor, generator: Generator, context: Context) -> Tensor:
+        """Cover a part of the frame's (C,H,W) grey values."""
+        (left, top), (height, width) = (
+            context.first_px[0].tolist(),
+            context.camera.sensor_px,
+        )
+        rows, columns = (
+            top + np.arange(plane.shape[1]),
+            left + np.arange(plane.shape[2]),
+        )
+        bar = self.drawn("bar", generator) * (generator.random() < self.share)
+        along, full = ((rows[:, None], height), (columns, width))[
+            int(generator.random() < 0.5)
+        ]
+        mask = letters_mask(words_of(generator, generator.integers(8, 24)))
+        times = max(1, round(height * generator.uniform(0.01, 0.04) / len(mask)))
+        x, y, white = *generator.random(2), 255.0 * (generator.random() < 0.8)
+        y = (0.01 if y < 0.5 else 0.98) * (height - times * len(mask))
+        if bar:
+            black = torch.from_numpy((along < bar * full) | (along >= (1 - bar) * full))
+            plane = plane.masked_fill(black.to(plane.device), 0.0)
+        if generator.random() < self.lettering:
+            row = (rows - round(y)) // times
+            column = (columns - round(x * width * 0.5)) // times
+            shown = (
+                (row >= 0) & (row < len(mask)),
+                (column >= 0) & (column < mask.shape[1]),
+            )
+            lit = np.zeros(plane.shape[1:], dtype=bool)
+            lit[np.ix_(*shown)] = mask[np.ix_(row[shown[0]], column[shown[1]])]
+            plane = plane.masked_fill(torch.from_numpy(lit).to(plane.device), white)
+        return plane
 
 
 class Quantization(Effect, on=Quantity.BOUNDED_GREY, to=Quantity.DIGITAL):

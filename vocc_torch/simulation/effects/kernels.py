@@ -19,10 +19,7 @@ MOST_REACH_PX = 128
 """Half width of the widest kernel on offer; the work grows with its square."""
 
 STRIP_VALUES = 2_000_000
-"""Numbers in a working array; larger frames are convolved in strips of rows."""
-
-MOST_STRIP_VALUES = 1 << 25
-"""Numbers in a working array of a wide kernel, whose strips of wide frames are cut into columns too."""
+"""Numbers in a working array; larger frames are convolved in strips of columns."""
 
 Tap = tuple[int, int, float]
 """Row, column and weight of a kernel's tap; its mirror image through the middle has the same weight."""
@@ -89,28 +86,16 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     if reach == 0:
         return plane * quarter[0, 0]
     padded = bordered(plane, reach, reach)
-    fit = STRIP_VALUES // ((reach + 1) * plane.shape[1]) - 2 * reach
-    rows = max(fit, 2 * reach + 1)
-    columns = max(
-        MOST_STRIP_VALUES // ((reach + 1) * (min(rows, plane.shape[0]) + 2 * reach)), 1
-    )
-    strips = []
-    for top in range(0, plane.shape[0], rows):
-        strip = padded[top : top + rows + 2 * reach]
-        blocks = (
-            strip[:, left : left + columns + 2 * reach]
-            for left in range(0, plane.shape[1], columns)
-        )
-        strips.append(
-            torch.cat(
-                [convolve_strip(block, quarter, reach) for block in blocks], dim=1
-            )
-        )
-    return torch.cat(strips)
+    step = max(STRIP_VALUES // ((reach + 1) * len(padded)), reach + 1)
+    strips = [
+        convolve_strip(padded[:, left : left + step + 2 * reach], quarter, reach)
+        for left in range(0, plane.shape[1], step)
+    ]
+    return torch.cat(strips, dim=1)
 
 
 def convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:
-    """Convolve rows that bring their own border of ``reach`` pixels on every side.
+    """Convolve columns that bring their own border of ``reach`` pixels on every side.
 
     Mirrored columns are added first, one matrix product makes all rows of the kernel, and mirrored rows are
     added last, each shifted to its place.

@@ -7,18 +7,18 @@ that the full frame has there, for the price of the tiles that it touches.
 
 import functools
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.random import Generator
 from torch import Tensor
 
-from vocc_torch.arrays import Singles
+from vocc_torch.arrays import Numbers, Singles
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
-from vocc_torch.rng import sensor_generator
+from vocc_torch.rng import FrameKey, sensor_generator
 from vocc_torch.simulation.effects.base import (
     Context,
     Effect,
@@ -28,7 +28,6 @@ from vocc_torch.simulation.effects.base import (
 )
 from vocc_torch.simulation.effects.colour import CHANNELS
 from vocc_torch.simulation.effects.poisson import poisson_quantile
-from vocc_torch.simulation.raster import Size
 
 PLANCK_J_S = 6.62607015e-34
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -168,76 +167,59 @@ TILE_PX = 128
 TILE = TILE_PX, TILE_PX
 """Shape of such a square."""
 
+DrawTile = Callable[[int, int, int], Numbers]
+"""Gives the tile of a row and a column of tiles, down to so many of its rows."""
+
 MOST_TILES = 1024
 """Tiles of patterns that are held, 64 KiB each: of a full-HD sensor 135 a pattern and channel."""
-
-
-class TilePart(NamedTuple):
-    """The part of a window of the sensor that lies in one tile."""
-
-    row: int
-    column: int
-    in_window: tuple[slice, slice]
-    in_tile: tuple[slice, slice]
-
-
-def tile_parts(origin_px: tuple[int, int], size: Size) -> Iterator[TilePart]:
-    """Cut a window of the sensor along the tiles.
-
-    Args:
-        origin_px: sensor column and row of its first pixel.
-        size: its rows and columns.
-
-    Example:
-        >>> [(part.row, part.column, part.in_tile[1]) for part in tile_parts((100, 0), (40, 60))]
-        [(0, 0, slice(100, 128, None)), (0, 1, slice(0, 32, None))]
-    """
-    left, top = origin_px
-    for row, rows, in_rows in _cuts(top, size[0]):
-        for column, columns, in_columns in _cuts(left, size[1]):
-            yield TilePart(row, column, (rows, columns), (in_rows, in_columns))
-
-
-def _cuts(start: int, length: int) -> Iterator[tuple[int, slice, slice]]:
-    """Cut an interval: each tile's index, what it has of the interval, and which part of the tile that is."""
-    for index in range(start // TILE_PX, -(-(start + length) // TILE_PX)):
-        first = index * TILE_PX
-        begin, end = max(start, first), min(start + length, first + TILE_PX)
-        yield (
-            index,
-            slice(begin - start, end - start),
-            slice(begin - first, end - first),
-        )
-
-
-def picture_tiles(
-    context: Context, stream: str, size: Size
-) -> Iterator[list[tuple[TilePart, Generator]]]:
-    """Yield for each frame the tiles that it touches, each with the random stream of this picture there.
-
-    Args:
-        context: names the frames and says where each lies on the sensor.
-        stream: name of the effect.
-        size: rows and columns of a frame.
-
-    Raises:
-        VoccError: frames without keys.
-    """
-    for key, origin in zip(
-        context.keys_for(stream), context.first_px.tolist(), strict=True
-    ):
-        generator = key.tiles(f"effect.{stream}{context.sensor}")
-        # All before the first is drawn from: taking turns costs a tenth of the drawing.
-        yield [
-            (part, generator(part.row, part.column))
-            for part in tile_parts(origin, size)
-        ]
 
 
 class ElectronNoise(Effect, on=Quantity.ELECTRONS):
     """Random numbers on the electrons of each pixel; it fills the sensor."""
 
     sampled = fills_sensor = True
+
+    def tiled(
+        self,
+        value: Tensor,
+        context: Context,
+        tiles: Callable[[FrameKey, str], DrawTile],
+    ) -> Numbers:
+        """Lay the tiles together that each frame touches, (B,H,W).
+
+        Args:
+            value: (B,1,H,W), the frames.
+            context: names them and says where each lies on the sensor.
+            tiles: gives what draws the tiles of a frame's stream.
+
+        Raises:
+            VoccError: frames without keys.
+        """
+        stream, planes = f"effect.{self.name}{context.sensor}", []
+        (height, width), keys = value.shape[-2:], context.keys_for(self.name)
+        for key, (left, top) in zip(keys, context.first_px.tolist(), strict=True):
+            draw, end = tiles(key, stream), top + height
+            across = range(left // TILE_PX, -(-(left + width) // TILE_PX))
+            lines = [
+                np.hstack([draw(row, column, end - row * TILE_PX) for column in across])
+                for row in range(top // TILE_PX, -(-end // TILE_PX))
+            ]
+            plane = np.vstack(lines)[top % TILE_PX :, left % TILE_PX :]
+            planes.append(plane[:, :width])
+        return np.stack(planes)
+
+    def normals(
+        self, value: Tensor, context: Context, dtype: type[np.floating[Any]]
+    ) -> Numbers:
+        """Standard normal numbers of each picture, (B,H,W)."""
+
+        def tiles(key: FrameKey, stream: str) -> DrawTile:
+            generator: Callable[[int, int], Any] = key.tiles(stream)
+            return lambda row, column, rows: generator(row, column).standard_normal(
+                (min(rows, TILE_PX), TILE_PX), dtype
+            )
+
+        return self.tiled(value, context, tiles)
 
 
 class SensorPattern(ElectronNoise):
@@ -253,17 +235,16 @@ class SensorPattern(ElectronNoise):
         Raises:
             VoccError: frames without keys.
         """
-        planes = np.empty((len(value), *value.shape[-2:]), dtype=np.float32)
-        frames = zip(
-            planes, context.keys_for(self.name), context.first_px.tolist(), strict=True
+
+        def tiles(key: FrameKey, stream: str) -> DrawTile:
+            seed = key.block.seed
+            return lambda row, column, rows: pattern_tile(
+                self, seed, f"{stream}/{row}/{column}"
+            )[:rows]
+
+        return (
+            torch.from_numpy(self.tiled(value, context, tiles)).unsqueeze(1).to(value)
         )
-        for plane, key, origin in frames:
-            stream = f"effect.{self.name}{context.sensor}"
-            for part in tile_parts(origin, plane.shape):
-                place = f"{stream}/{part.row}/{part.column}"
-                tile = pattern_tile(self, key.block.seed, place)
-                plane[part.in_window] = tile[part.in_tile]
-        return torch.from_numpy(planes).unsqueeze(1).to(value)
 
 
 @functools.lru_cache(MOST_TILES)
@@ -401,21 +382,20 @@ class ShotNoise(ElectronNoise):
         Raises:
             VoccError: a mean that is not a number.
         """
-        means = value.detach().to("cpu").squeeze(1).numpy()
-        counts, normals = np.empty_like(means), np.empty(TILE)
-        frames = picture_tiles(context, self.name, means.shape[1:])
-        for mean, count, tiles in zip(means, counts, frames, strict=True):
-            # Tile by tile the working arrays stay in the cache; a tile's rows below the window are not drawn.
-            for part, generator in tiles:
-                generator.standard_normal(out=normals[: part.in_tile[0].stop])
-                # Rounding in an earlier effect may leave a black pixel a hair below zero.
-                tile = np.maximum(mean[part.in_window].astype(np.float64), 0.0)
-                if np.isnan(tile).any():
-                    raise VoccError(
-                        f"scene.effects.{self.name} got a mean of electrons that is not a number"
-                    )
-                count[part.in_window] = poisson_quantile(tile, normals[part.in_tile])
-        return torch.from_numpy(counts).unsqueeze(1).to(value)
+        # Rounding in an earlier effect may leave a black pixel a hair below zero.
+        means = value.detach().cpu().double().squeeze(1).numpy().clip(min=0.0)
+        if np.isnan(means).any():
+            raise VoccError(
+                f"scene.effects.{self.name} got a mean of electrons that is not a number"
+            )
+        normals = self.normals(value, context, np.float64)
+        # In parts the working arrays stay in the cache.
+        parts = (
+            np.array_split(plane.ravel(), -(-plane.size // TILE_PX**2))
+            for plane in (means, normals)
+        )
+        counts = np.concatenate([*map(poisson_quantile, *parts)])
+        return torch.from_numpy(counts).view(value.shape).to(value)
 
 
 class FullWell(Effect, on=Quantity.ELECTRONS):
@@ -535,18 +515,8 @@ class ReadNoise(ElectronNoise):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add noise, drawn in float32, to (B,1,H,W) electrons."""
-        planes = np.empty((len(value), *value.shape[-2:]), dtype=np.float32)
-        normals = np.empty(TILE, dtype=np.float32)
-        for plane, tiles in zip(
-            planes, picture_tiles(context, self.name, planes.shape[1:]), strict=True
-        ):
-            for part, generator in tiles:
-                generator.standard_normal(
-                    out=normals[: part.in_tile[0].stop], dtype=np.float32
-                )
-                noise = normals[part.in_tile] * np.float32(self.electrons)
-                plane[part.in_window] = noise
-        return value + torch.from_numpy(planes).unsqueeze(1).to(value)
+        noise = self.normals(value, context, np.float32) * np.float32(self.electrons)
+        return value + torch.from_numpy(noise).unsqueeze(1).to(value)
 
 
 class Gain(Effect, on=Quantity.ELECTRONS, to=Quantity.EXPOSURE):

@@ -3,7 +3,7 @@
 import functools
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +15,7 @@ from vocc_torch.arrays import Floats, Singles
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation import roadside, sketch
 from vocc_torch.simulation.effects import colour, view
-from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
+from vocc_torch.simulation.effects.base import Context, FrameEffect, Quantity, within
 from vocc_torch.simulation.raster import Size
 from vocc_torch.simulation.scene import Distribution
 
@@ -67,7 +67,7 @@ def down(lines: Singles, y: Floats) -> Singles:
     return filled
 
 
-class Scenery(Effect, on=Quantity.BACKGROUND):
+class Scenery(FrameEffect, on=Quantity.BACKGROUND):
     """Textured sky, skyline and ground in place of a plain background.
 
     The horizon lies near the sensor's middle. The sky has 2 to 7 times the plain background's luminance, the
@@ -92,19 +92,18 @@ class Scenery(Effect, on=Quantity.BACKGROUND):
     """
 
     contrast: float = within(0, 1, default=0.35)
-    sampled = fills_sensor = True
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Multiply (B,1,H,W) background luminance by each frame's scenery."""
-        lit, streams = value.clone(), context.generators(self.name, of_scene=True)
-        sides = context.camera.sensor_px, value.shape[3], SKY[context.channel]
-        for frame, (left, top) in enumerate(context.first_px.tolist()):
-            rows_from = self.sky(streams[frame], left, *sides)
-            for first in range(0, value.shape[2], STRIP_PX):
-                strip = lit[frame, 0, first : first + STRIP_PX]
-                luminance = rows_from(top + first, len(strip))
-                strip.mul_(torch.from_numpy(luminance).to(strip))
-        return lit
+    def frame(self, plane: Tensor, generator: Generator, context: Context) -> Tensor:
+        """Multiply (1,H,W) background luminance by the frame's scenery."""
+        left, top = context.first_px[0].tolist()
+        _, height, width = plane.shape
+        blue = SKY[context.channel]
+        rows_from = self.sky(generator, left, context.camera.sensor_px, width, blue)
+        for first in range(0, height, STRIP_PX):
+            strip = plane[0, first : first + STRIP_PX]
+            luminance = rows_from(top + first, len(strip))
+            strip.mul_(torch.from_numpy(luminance).to(strip))
+        return plane
 
     def sky(
         self,
@@ -191,45 +190,35 @@ class Layer:
         if thing := sketch.Drawing.on_sensor(parts, place, share):
             self.things.append(thing)
 
-    def drawn(self) -> Iterator[tuple[int, Singles, Singles]]:
-        """Draw: the sensor's row where some rows begin, how much of what is behind stays, and the light."""
-        left, _, right, _ = self.window
-        columns = (np.arange(left, right) + 0.5) / NODE_PX
-        lines = None if self.dirt is None else across(self.dirt, columns)
-        for top, keep, added in sketch.composed(self.things, self.window):
-            if lines is not None:
-                rows = (np.arange(top, top + len(added)) + 0.5) / NODE_PX
-                added *= np.maximum(1 + np.float32(0.12) * down(lines, rows), 0)
-            yield top, keep, added
+    def drawn(self) -> sketch.Picture:
+        """Draw: how much of what is behind stays, and the light of the things."""
+        left, top, right, bottom = self.window
+        keep, added = sketch.composed(self.things, self.window)
+        if self.dirt is not None:
+            x, y = (
+                (np.arange(*ends) + 0.5) / NODE_PX
+                for ends in ((left, right), (top, bottom))
+            )
+            added *= np.maximum(1 + np.float32(0.12) * between(self.dirt, x, y), 0)
+        return keep, added
 
 
-class Sketched(Effect, on=Quantity.BACKGROUND):
-    """Objects drawn before the background; each frame has its own random stream."""
-
-    sampled = fills_sensor = True
+class Sketched(FrameEffect, on=Quantity.BACKGROUND):
+    """Objects drawn before the background."""
 
     @abstractmethod
     def draw(self, layer: Layer, generator: Generator) -> None:
         """Draw one frame's things."""
 
-    def __call__(self, value: Tensor, context: Context) -> Tensor:
-        """Lay what is drawn before each frame's (B,1,H,W) background luminance."""
-        every, laid, (height, width) = view.view_of(context), [], value.shape[-2:]
-        for frame, generator in enumerate(context.generators(self.name, of_scene=True)):
-            row = slice(frame, frame + 1)
-            alone, plane = context.taken(row), value[frame, 0].clone()
-            left, top = alone.first_px[0].tolist()
-            camera_view = view.View(every.placement[row], alone, every.effects)
-            layer = Layer(camera_view, (left, top, left + width, top + height))
-            self.draw(layer, generator)
-            for first, keep, light in layer.drawn():
-                rows = plane[first - top : first - top + len(keep)]
-                stays, added = (
-                    torch.from_numpy(part).to(rows) for part in (keep, light)
-                )
-                rows.mul_(stays).add_(added)
-            laid.append(plane)
-        return torch.stack(laid).unsqueeze(1)
+    def frame(self, plane: Tensor, generator: Generator, context: Context) -> Tensor:
+        """Lay what is drawn before the frame's (1,H,W) background luminance."""
+        left, top = context.first_px[0].tolist()
+        _, height, width = plane.shape
+        window = left, top, left + width, top + height
+        layer = Layer(view.view_of(context), window)
+        self.draw(layer, generator)
+        keep, light = (torch.from_numpy(part).to(plane) for part in layer.drawn())
+        return plane * keep + light
 
 
 Placed = tuple[
