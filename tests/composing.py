@@ -16,8 +16,8 @@ from vocc_torch.extras.messages.record_task import with_panel_of
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.build import build_plan
+from vocc_torch.studies.compare.classifiers import build_classifier_study
 from vocc_torch.studies.compare.effect_scenes import build_effect_study
-from vocc_torch.studies.compare.rivals import build_classifier_study
 from vocc_torch.studies.compare.tradeoff import build_tradeoff_study
 from vocc_torch.studies.paper.plan import plan_figures
 

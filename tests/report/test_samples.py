@@ -71,7 +71,7 @@ def test_it_is_there_before_anything_is_counted_and_goes_with_a_run_that_counted
         written.extend(path.name for path in (tmp_path / "runs" / "x").iterdir())
         raise VoccError("training is ended here")
 
-    monkeypatch.setattr(curve.terminal, "train_shown", ends)
+    monkeypatch.setattr(curve.train, "train", ends)
     complaint = app("task=train", "name=x", "device=cpu").complaint
     assert complaint == "training is ended here"
     assert "samples.png" in written

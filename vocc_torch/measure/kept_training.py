@@ -65,7 +65,7 @@ def train_plans(
     plans: Sequence[Plan],
     workers: Workers,
     store: Store,
-    progress: Callable[[], None] = lambda: None,
+    progress: Callable[[bool], None],
 ) -> list[Training]:
     """Train every plan with its own locator, each receiver by itself on one thread.
 
@@ -75,7 +75,7 @@ def train_plans(
         plans: the studies.
         workers: who does it; here too on one thread.
         store: has what was trained before, and keeps what is trained now.
-        progress: called for each receiver that is trained, or was.
+        progress: called for each receiver with whether it is trained now, or was before.
 
     Returns:
         The training of each plan. ``making`` says what each receiver took.
@@ -91,14 +91,14 @@ def train_plans(
     for key, part in parts.items():
         if (stored := find(store, key, part)) is not None:
             trained[key] = stored
-            progress()
+            progress(False)
     # The longest training begins first.
     missing = [key for key in parts if key not in trained]
     longest = sorted(missing, key=lambda key: -_panels(parts[key]))
     coming = workers.map(train_part, [parts[key] for key in longest])
     for key, training in zip(longest, coming, strict=True):
         trained[key] = training
-        progress()
+        progress(True)
         keep(store, key, parts[key], training)
     return [Training.joined([trained[key] for key in keys]) for keys in parts_of_plans]
 

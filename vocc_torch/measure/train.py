@@ -34,7 +34,6 @@ CALIBRATION_FRAMES = 512
 FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
 
-Progress = Callable[[int], object]
 _N_FEATURES = len(FLDA_FEATURES["flda_3"])
 
 
@@ -124,20 +123,16 @@ class Training:
         )
 
 
-def train(plan: Plan, progress: Progress = lambda frames: None) -> Training:
+def train(plan: Plan) -> Training:
     """Train FLDA and the plan's classifiers on its training scenes, as often as the budget says.
 
     Each training has frames of its own. The first is the one that is kept, and does not depend on how many
     follow. Frames without a located panel teach nothing and are left out.
 
-    Args:
-        plan: the study.
-        progress: called with the frames that FLDA has seen since the last call.
-
     Raises:
         VoccError: no panel was found in any training frame, or a classifier that cannot be built or trained.
     """
-    return Training.joined([train_part(part, progress) for part in parts_of(plan)])
+    return Training.joined([train_part(part) for part in parts_of(plan)])
 
 
 def parts_of(plan: Plan) -> list[Plan]:
@@ -151,7 +146,7 @@ def parts_of(plan: Plan) -> list[Plan]:
     return [replace(plan, receiver=part) for part in alone]
 
 
-def train_part(plan: Plan, progress: Progress = lambda frames: None) -> Training:
+def train_part(plan: Plan) -> Training:
     """Train a part of :func:`parts_of` as often as the budget says.
 
     Raises:
@@ -162,13 +157,11 @@ def train_part(plan: Plan, progress: Progress = lambda frames: None) -> Training
         if plan.receiver.classifiers:
             trainings.append(train_classifier(plan, link, number))
         else:
-            trainings.append(train_flda(plan, link, number, progress))
+            trainings.append(train_flda(plan, link, number))
     return replace(trainings[0], further=tuple(trainings[1:]))
 
 
-def train_flda(
-    plan: Plan, link: Link, number: int, progress: Progress = lambda frames: None
-) -> Training:
+def train_flda(plan: Plan, link: Link, number: int) -> Training:
     """Train FLDA, and keep some of its features for figures; arguments as :func:`train_classifier`.
 
     Raises:
@@ -181,11 +174,10 @@ def train_flda(
     stream = PanelStream(link, scenes, plan.seed, inputs, point)
     samples: list[tuple[Tensor, Tensor]] = []
     # A block at a time: sums then do not depend on the batch's size.
-    for block, (features, bits) in enumerate(stream(0, frames)):
+    for features, bits in stream(0, frames):
         flda.update(features[..., :_N_FEATURES], bits)
         if sum(len(statuses) for _, statuses in samples) < FIGURE_SAMPLES:
             samples.append((features.flatten(0, -2).cpu(), bits.reshape(-1).cpu()))
-        progress(min(BLOCK_FRAMES, frames - block * BLOCK_FRAMES))
     if not stream.frames:
         help_ = "check scene, camera and receiver.location"
         raise VoccError(f"training found no panel in any of {frames} frames: {help_}")

@@ -81,11 +81,6 @@ class ProgressView:
         self._bar.stop()
 
     @property
-    def is_drawn(self) -> bool:
-        """Whether there is a terminal to draw on."""
-        return not self._bar.disable
-
-    @property
     def done(self) -> float:
         """Frames counted so far."""
         return self._task.completed

@@ -11,7 +11,7 @@ from rich.console import Console as Console
 from rich.table import Table
 from rich.text import Text as Text
 
-from vocc_torch.measure import plan, train
+from vocc_torch.measure import train
 from vocc_torch.measure.curve import BerTable, Point
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import page
@@ -228,33 +228,15 @@ def point_lines(points: Iterable[Point], *, rates: bool) -> Iterator[str]:
         yield f"{text}; {told}" if rates else text
 
 
-def train_shown(study: plan.Plan, console: Console) -> train.Training:
-    """Train under a progress bar, and say what was learnt from."""
-    frames, often = study.budget.training_frames, study.budget.trainings
-    with ProgressView(frames * often, console, f"training on {frames} frames") as view:
-
-        def learnt(counted: int) -> None:
-            # The classifiers learn once FLDA has seen its frames.
-            last = view.done + counted == frames * often and study.receiver.classifiers
-            view.advance(
-                "training classifiers" if last else f"training on {frames} frames",
-                counted,
-            )
-
-        training = train.train(study, learnt)
-    missed = (
-        f", {training.missed} without a located panel left out"
-        if training.missed
-        else ""
-    )
-    repeated = f", in {often} independent trainings" if often > 1 else ""
-    view.say(f"trained on {training.frames} frames{missed}{repeated}")
+def trained_lines(training: train.Training) -> Iterator[str]:
+    """Say what receivers were trained on."""
+    often, missed = 1 + len(training.further), training.missed
+    text = f", {missed} without a located panel left out" * (missed > 0)
+    text += f", in {often} independent trainings" * (often > 1)
+    yield f"trained on {training.frames} frames{text}"
     for name, cost in training.costs.items():
         if cost.frames:
-            view.say(
-                f"trained {name} on {cost.frames} frames in {cost.training_s:.0f} s"
-            )
-    return training
+            yield f"trained {name} on {cost.frames} frames in {cost.training_s:.0f} s"
 
 
 class Stopwatch:

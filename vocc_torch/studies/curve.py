@@ -45,8 +45,10 @@ def run_train(settings: config.Settings, folder: Path) -> None:
     plan, console = build.build_plan(settings), terminal.Console()
     with run_folder.resumable(settings, folder, console):
         samples.write_samples(folder, plan, ["train"])
-        write_training(settings, plan, terminal.train_shown(plan, console), folder)
-    run_folder.say(console, kept(plan))
+        with console.status("training"):
+            training = train.train(plan)
+        write_training(settings, plan, training, folder)
+    run_folder.say(console, *terminal.trained_lines(training), kept(plan))
     run_folder.print_places(console, folder, [("receiver", "receiver.pt")])
 
 
@@ -67,9 +69,11 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     if settings.tensorboard:
         demand_steps(plan.experiment)
     # Held to the end: a second run would write over the same results.
-    with begin(settings, folder, plan) as run, run.pool, timing.threads(1):
+    with begin(settings, folder, plan, 2) as run, run.pool, timing.threads(1):
         samples.write_samples(folder, plan)
-        training = run.train_here(plan, lambda: terminal.train_shown(plan, console))
+        run.train([plan])
+        training = run.training(plan)
+        run_folder.say(console, *terminal.trained_lines(training))
         table = None if is_grid else folder / "ber.csv"
         curves = count_curves(run, plan, table, **drawing)
         figures = write_results(settings, plan, training, curves, folder)
@@ -109,30 +113,24 @@ def count_curves(
         for case in cases_of(row, [plan]):
             jobs.append(job := run.job(case))
             places[job.point] = row, case.value or 0.0
-    frames, interim = plan.frames_in_point, dict[str, list[curve.Point]]()
-    view = terminal.ProgressView(frames * len(jobs), run.console, "counting")
+    interim, curves = dict[str, list[curve.Point]](), list[curve.Curves]()
+    with run.stage("bit error rates", plan.frames_in_point * len(jobs)) as advance:
 
-    def show(job: runner.Job, counted: int, tallies: runner.Tallies) -> None:
-        row, at = places[job.point]
-        view.advance(job.point, counted)
-        points = sweep.points_of(row, at, tallies, "interrupted")
-        interim[row.experiment.name] = points
+        def show(job: runner.Job, counted: int, tallies: runner.Tallies) -> None:
+            advance(counted)
+            row, at = places[job.point]
+            points = sweep.points_of(row, at, tallies, "interrupted")
+            interim[row.experiment.name] = points
 
-    outcomes = sweep.outcomes(jobs, run.pool, run.store, show, **drawing)
-    curves = list[curve.Curves]()
-    with view:
+        outcomes = sweep.outcomes(jobs, run.pool, run.store, show, **drawing)
         for row in rows:
             found, points = dict[float, runner.Outcome](), list[curve.Point]()
             try:
                 for at in row.experiment.simulated_values:
                     done = found[at] = next(outcomes)
                     new = sweep.points_of(row, at, done.counts, done.stopped_by)
-                    for line in terminal.point_lines(new, rates=view.is_drawn):
-                        view.say(line)
-                    # What it did not need of its budget is done too.
-                    spent = len(curves) * len(row.experiment.simulated_values)
-                    behind = frames * (spent + len(found)) - view.done
-                    view.advance(row.experiment.name, max(0, behind))
+                    rates = run.console.is_terminal
+                    run_folder.say(run.console, *terminal.point_lines(new, rates=rates))
                     points += new
                     interim.pop(row.experiment.name, None)
             except KeyboardInterrupt:

@@ -90,22 +90,19 @@ class Run:
         """
         missing = {training_key(plan): plan for plan in plans}
         learners = sum(1 + len(plan.receiver.classifiers) for plan in missing.values())
+        trained_now = list[bool]()
         with self.stage(name, learners) as advance:
-            trained = kept_training.train_plans(
-                list(missing.values()), self.pool, self.store, lambda: advance(1)
-            )
-        self._trainings |= zip(missing, trained, strict=True)
 
-    def train_here(self, plan: Plan, train: Callable[[], Training]) -> Training:
-        """Train a plan's receivers in this process, unless they are trained already."""
-        key = training_key(plan)
-        training = kept_training.find(self.store, key, plan)
-        if training is None:
-            kept_training.keep(self.store, key, plan, training := train())
-        else:
+            def learnt(is_new: bool) -> None:
+                trained_now.append(is_new)
+                advance(1)
+
+            trained = kept_training.train_plans(
+                list(missing.values()), self.pool, self.store, learnt
+            )
+        if not any(trained_now):
             run_folder.say(self.console, "resuming: the receivers are trained already")
-        self._trainings[key] = training
-        return training
+        self._trainings |= zip(missing, trained, strict=True)
 
     def count(
         self, cases: Sequence[Case], name: str = "bit errors"

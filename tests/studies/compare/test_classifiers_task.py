@@ -16,12 +16,12 @@ from vocc_torch.plugins import PlugIn
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.compare import RivalsConfig
 from vocc_torch.studies.compare.classifiers import (
+    ClassifierStudy,
     classifier_rows,
     scene_rows,
 )
 from vocc_torch.studies.compare.figures import curves_figure, scenes_figure
 from vocc_torch.studies.compare.report import flat
-from vocc_torch.studies.compare.rivals import ClassifierStudy
 
 FRAMES = 1000
 WRONG = {

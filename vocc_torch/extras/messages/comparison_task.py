@@ -24,6 +24,7 @@ from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
+from vocc_torch.measure.train import train
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import plots, terminal
 from vocc_torch.report.styles import axis_label, rate_text, receiver_styles, value_text
@@ -71,7 +72,9 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
         ):
             layout = Layout(MessagePlan(plan.world.panel.shape, config.options(code)))
             payload_bytes(layout.code.info_bytes)
-    training = terminal.train_shown(plan, console)
+    with console.status("training"):
+        training = train(plan)
+    run_folder.say(console, *terminal.trained_lines(training))
     receivers = receivers_of(build_plan(settings), training)
     jobs = jobs_of(plan, config, receivers)
     results: list[Carried] = []
