@@ -16,12 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import hydra
-from hydra._internal.hydra import Hydra
 from hydra.core.hydra_config import HydraConfig
-from hydra.core.utils import env_override
-from hydra.plugins.sweeper import Sweeper
+from hydra.core.override_parser.types import Quote, QuotedString
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.app.config import AppConfig, inside_runs, register
 from vocc_torch.app.jobs import (
@@ -100,55 +98,6 @@ def ctrl_c_first(heard: list[int]) -> Iterator[None]:
     finally:
         if listens:
             signal.signal(signal.SIGINT, usual)
-
-
-@contextlib.contextmanager
-def composed_once(arguments: Sequence[str]) -> Iterator[None]:
-    """Keep Hydra from composing all once more to know whether there are several jobs, where -m alone says so."""
-    usual = Hydra.get_mode
-    if not any(
-        word.lstrip("+").startswith(("-", "hydra.")) and word not in MULTIRUN
-        for word in arguments
-    ):
-        Hydra.get_mode = lambda *_, **__: None  # type: ignore[method-assign]
-    try:
-        yield
-    finally:
-        Hydra.get_mode = usual  # type: ignore[method-assign]
-
-
-def validate_jobs(sweeper: Any, batch: Sequence[Sequence[str]]) -> None:
-    """Compose the jobs of a multirun, in Hydra's place, and refuse at once what all would be refused for.
-
-    Args:
-        sweeper: of Hydra, which has split the jobs.
-        batch: the overrides of each job.
-
-    Raises:
-        VoccError: the complaint, where it is the same for every job.
-    """
-    complaints = {refusal_of(sweeper, *job) for job in enumerate(batch)}
-    # Sweepers that choose their jobs one after the other have no list of all.
-    every = getattr(sweeper, "overrides", None) == [batch]
-    if every and len(complaints) == 1 and all(complaints):
-        discard_if_empty(Path.cwd() / sweeper.config.hydra.sweep.dir)
-        raise VoccError(*complaints)
-
-
-def refusal_of(sweeper: Any, number: int, words: Sequence[str]) -> str:
-    """Say what a job of a multirun is refused for before it begins, or nothing."""
-    loader = sweeper.hydra_context.config_loader
-    config = loader.load_sweep_config(sweeper.config, list(words))
-    with open_dict(config):
-        config.hydra.job.update(id=number, num=number)
-        HydraConfig.instance().set_config(config)
-        about = config.pop("hydra")
-    try:
-        with env_override(about.job.env_set):
-            resolved(config, words_of(about))
-    except VoccError as error:
-        return str(error)
-    return ""
 
 
 def words_of(about: Any) -> list[str]:
@@ -299,7 +248,6 @@ def run_jobs(jobs: Jobs) -> int:
         with (
             terminal_lines(),
             ctrl_c_first(heard),
-            composed_once(sys.argv[1:]),
         ):
             sys.argv[1:] = for_hydra(sys.argv[1:])
             hydras()
@@ -365,19 +313,6 @@ def for_hydra(arguments: Sequence[str]) -> list[str]:
     return [*flags, *named, *own_scenes(words)]
 
 
-def quoted(text: str) -> str:
-    r"""Quote a text for Hydra's grammar.
-
-    Example:
-        >>> print(quoted("panel's, [2].png"))
-        'panel\'s, [2].png'
-    """
-    # A backslash counts as one only before a quote.
-    escaped = re.sub(r"(\\*)'", lambda found: found[1] * 2 + r"\'", text)
-    ending = len(escaped) - len(escaped.rstrip("\\"))
-    return f"'{escaped}{ending * chr(92)}'"
-
-
 def with_quoted_input(word: str, sweeps: bool) -> str:
     """Quote the name of an input that Hydra's grammar would read as another thing than a name.
 
@@ -395,7 +330,7 @@ def with_quoted_input(word: str, sweeps: bool) -> str:
     may_be_other = sweeps or name[0] == name[-1] in ("'", '"')
     if may_be_other and not os.path.exists(name):  # noqa: PTH110  # no name is too long for it
         return word
-    return f"{key}={quoted(name)}"
+    return f"{key}={QuotedString(name, Quote.single).with_quotes()}"
 
 
 def own_scenes(words: Sequence[str]) -> list[str]:
@@ -414,9 +349,8 @@ def own_scenes(words: Sequence[str]) -> list[str]:
     }
     if not found or any(word.startswith("hydra.searchpath=") for word in words):
         return []
-    return [
-        f"hydra.searchpath=[{','.join(quoted(f'file://{path}') for path in found)}]"
-    ]
+    paths = (QuotedString(f"file://{path}", Quote.single) for path in found)
+    return [f"hydra.searchpath=[{','.join(path.with_quotes() for path in paths)}]"]
 
 
 def run() -> int:
@@ -426,7 +360,6 @@ def run() -> int:
     # Hydra prints errors over several lines and exits unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     register()
-    Sweeper.validate_batch_is_legal = validate_jobs  # type: ignore[assignment, method-assign]
     sweep(Path(tempfile.gettempdir()).glob(".vocc-torch.*"))
     ours = f".vocc-torch.{os.getpid()}.tmp."
     with tempfile.TemporaryDirectory(prefix=ours, ignore_cleanup_errors=True) as folder:
