@@ -44,7 +44,7 @@ def lost_by(
 ) -> str:
     """Name the stage that lost a panel."""
     networks, pyramid = load_networks(None, torch.device("cpu")), Pyramid.of(frame.grey)
-    quads, _ = propose(networks.scout, pyramid, shape)
+    quads, _, _ = propose(networks.scout, pyramid, shape)
     side = float((truth[0] - truth[2]).norm())
     near = (quads.mean(1) - truth.mean(0)).norm(dim=1) < PROPOSED_SIDES * side
     if not bool(near.any()):

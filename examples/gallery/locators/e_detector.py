@@ -20,7 +20,7 @@ side = pyramid.SETTINGS.tile_px
 with torch.inference_mode():
     corners = torch.tensor([[0, 0], [1, 0], [1, 1], [0, 1]])
     tiles = side * (pyramid.gate(levels.levels[0]).flip(1)[:, None] + corners)
-    proposed, _ = scout.propose(networks.scout, levels, shape)
+    proposed, _, _ = scout.propose(networks.scout, levels, shape)
     _, judged = judge.judged(networks.judge, levels, proposed, shape)
     placed, odds = pipeline.candidates(networks, levels, shape)
 

@@ -59,6 +59,12 @@ def grown(shape: PanelShape) -> tuple[int, int]:
     return down, across
 
 
+def samples_of(shape: PanelShape) -> tuple[int, int]:
+    """Say how many px the parts of SQUARE have in the pictures of candidates, down and across."""
+    down, across = grown(shape)
+    return SETTINGS.samples * down, SETTINGS.samples * across
+
+
 class Judge(nn.Module):
     """Convolutions at strides 2, 4 and 8: a score, and a map for each corner of where it is.
 
@@ -134,17 +140,14 @@ def judged(
 
     It reads pictures of candidates in which each is a rectangle.
     """
-    down, across = grown(shape)
-    samples = SETTINGS.samples * down, SETTINGS.samples * across
     homography = cell_homography(quads, SQUARE)
-    pictures = pyramid.read_cells(quads, homography, SQUARE, samples, SETTINGS.margin)
+    samples, margin = samples_of(shape), SETTINGS.margin
+    pictures = pyramid.read_cells(quads, homography, SQUARE, samples, margin)
     logit, maps = net(pictures)
     return logit, map_cells(homography, parts_of(corners_of(maps), shape))
 
 
 def parts_of(places: Tensor, shape: PanelShape) -> Tensor:
     """Give places (n,4,2) px of candidates' pictures in parts of SQUARE, float64."""
-    down, across = grown(shape)
-    return places.double() / places.new_tensor([across, down]) / SETTINGS.samples - (
-        SETTINGS.margin
-    )
+    down, across = samples_of(shape)
+    return places.double() / places.new_tensor([across, down]) - SETTINGS.margin

@@ -88,7 +88,7 @@ class Placed(NamedTuple):
 def candidates(networks: Networks, pyramid: Pyramid, shape: PanelShape) -> Placed:
     """Propose, judge and place the candidates of one frame."""
     options = SETTINGS
-    quads, logit = propose(networks.scout, pyramid, shape)
+    quads, logit, _ = propose(networks.scout, pyramid, shape)
     for count in options.judged:
         logit, quads = judged(networks.judge, pyramid, quads, shape)
         order = likeliest(logit, count)

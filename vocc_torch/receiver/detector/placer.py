@@ -38,6 +38,12 @@ SETTINGS = PlacerSettings()
 _AXES = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 """A cell across and down, to either side."""
 
+_ENDS = torch.cat([torch.eye(4), torch.eye(4) + torch.eye(4).roll(1, 1)])
+"""The four corners, and the four sides."""
+
+SLIPS = (_ENDS[:, None, :, None] * _AXES[:, None]).flatten(0, 1)
+"""Moves (32,4,2), cells, of a corner or a side by a cell."""
+
 
 class Placer(nn.Module):
     """Convolutions over cells: each says how far the lattice is off, and how sure it is.
@@ -171,10 +177,7 @@ def views(pictures: Tensor, square: bool) -> Tensor:
 
 def slips(quad: Tensor, shape: PanelShape) -> Tensor:
     """Move a corner or a side of a candidate (4,2) px by a cell, (32,4,2)."""
-    corners = torch.eye(4)
-    groups = torch.cat([corners, corners + corners.roll(1, 1)])
-    moves = groups[:, None, :, None] * _AXES[:, None]
-    return moved(quad, moves.flatten(0, 1), shape)
+    return moved(quad, SLIPS, shape)
 
 
 def asides(quad: Tensor, shape: PanelShape) -> Tensor:

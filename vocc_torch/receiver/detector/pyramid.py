@@ -91,36 +91,53 @@ class Pyramid:
         Returns:
             (n,(R+2M)K,(C+2M)L) grey values.
         """
-        down, across = _axes(shape, samples, margin, quads.device)
-        level = self.level(quads, shape, samples)
-        scale, start, first, last = (part[level, :, None] for part in self._places())
-        # Of the atlas, where -1 and 1 are its edges.
-        at = homography[:, :2] * scale + homography[:, 2:] * start
-        at = torch.cat([at, homography[:, 2:]], 1).float()
-        places = grid_places(at, across, down)
-        places = places.maximum(first[..., None]).minimum(last[..., None])
-        grid = places.permute(0, 2, 3, 1).flatten(0, 1)
+        grid = places_of_cells(self.sizes, quads, homography, shape, samples, margin)
         read = functional.grid_sample(
             self.atlas[None, None],
-            grid[None],
+            grid.flatten(0, 1)[None],
             padding_mode="border",
             align_corners=False,
         )
-        return read.view(-1, len(down), len(across))
+        return read.view(grid.shape[:3])
 
-    def level(
-        self, quads: Tensor, shape: PanelShape, samples: tuple[int, int]
-    ) -> Tensor:
-        """Choose the levels (n,) in which the samples of cells are nearest to a pixel apart."""
-        sides = torch.stack(cell_size_px(quads, shape), 1)
-        sides = sides / sides.new_tensor(samples[::-1])
-        level = sides.amax(1).clamp(min=1e-3).log2().round()
-        return level.clamp(0, len(self.levels) - 1).long()
+    @property
+    def sizes(self) -> tuple[tuple[int, int], ...]:
+        """Rows and columns of each level."""
+        return tuple((level.shape[0], level.shape[1]) for level in self.levels)
 
-    def _places(self) -> list[Tensor]:
-        """Give each level's place in the atlas, (L,2) each across and down: scale, start, first and last pixel."""
-        sizes = tuple((level.shape[0], level.shape[1]) for level in self.levels)
-        return places_of(sizes, self.atlas.device)
+
+def places_of_cells(
+    sizes: tuple[tuple[int, int], ...],
+    quads: Tensor,
+    homography: Tensor,
+    shape: PanelShape,
+    samples: tuple[int, int],
+    margin: int,
+) -> Tensor:
+    """Give the places (n,h,w,2) of cells' samples in the atlas of levels of sizes, whose edges are at -1 and 1.
+
+    The other arguments are those of :meth:`Pyramid.read_cells`.
+    """
+    down, across = _axes(shape, samples, margin, quads.device)
+    level = level_of(quads, shape, samples, len(sizes))
+    scale, start, first, last = (
+        part[level, :, None] for part in places_of(sizes, quads.device)
+    )
+    at = homography[:, :2] * scale + homography[:, 2:] * start
+    at = torch.cat([at, homography[:, 2:]], 1).float()
+    places = grid_places(at, across, down)
+    places = places.maximum(first[..., None]).minimum(last[..., None])
+    return places.permute(0, 2, 3, 1)
+
+
+def level_of(
+    quads: Tensor, shape: PanelShape, samples: tuple[int, int], levels: int
+) -> Tensor:
+    """Choose the levels (n,) in which the samples of cells are nearest to a pixel apart."""
+    sides = torch.stack(cell_size_px(quads, shape), 1)
+    sides = sides / sides.new_tensor(samples[::-1])
+    level = sides.amax(1).clamp(min=1e-3).log2().round()
+    return level.clamp(0, levels - 1).long()
 
 
 @lru_cache(maxsize=32)

@@ -170,28 +170,32 @@ def same_place(quads: Tensor) -> Tensor:
     return near & alike
 
 
-def propose(net: Scout, pyramid: Pyramid, shape: PanelShape) -> tuple[Tensor, Tensor]:
-    """Give the best candidates of a frame, corners (n,4,2) float64 px and scores (n,), the best first.
+def propose(
+    net: Scout, pyramid: Pyramid, shape: PanelShape
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Find the best candidates of a frame.
 
     Args:
         net: the scout.
         pyramid: of the frame.
         shape: rows and columns.
+
+    Returns:
+        Corners (n,4,2) float64 px, scores (n,) and levels (n,), the best first.
     """
     levels = pyramid.levels
     large = sum(level.numel() > SETTINGS.gated_px for level in levels)
     size = size_of(shape)
     looks = [look(net, levels, large, size) for look in (_in_tiles, _in_canvas)]
-    corners, score = map(torch.cat, zip(*looks, strict=True))
-    near = score > score.amax() - SETTINGS.behind
-    corners, score = corners[near], score[near]
-    rows = distinct(corners, score, SETTINGS.candidates)
-    return corners[rows], score[rows]
+    corners, score, level = map(torch.cat, zip(*looks, strict=True))
+    near = (score > score.amax() - SETTINGS.behind).nonzero()[:, 0]
+    rows = near[distinct(corners[near], score[near], SETTINGS.candidates)]
+    return corners[rows], score[rows], level[rows]
 
 
 def _in_canvas(
     net: Scout, levels: Sequence[Tensor], large: int, size: int
-) -> tuple[Tensor, Tensor]:
+) -> tuple[Tensor, Tensor, Tensor]:
     """Look at all of the smaller levels (H,W) in one picture, with margins of a mean grey value around."""
     small = levels[large:]
     if not small:
@@ -214,13 +218,13 @@ def _in_canvas(
     found = peaks(score, outputs, SETTINGS.peaks)
     level = owner[found.place[:, 1], found.place[:, 0]].clamp(min=0)
     origin = torch.tensor(origins, device=level.device)[level].flip(1)
-    quads = found.quads.double() - origin[:, None]
-    return quads * 2.0 ** (large + level)[:, None, None], found.score
+    quads, level = found.quads.double() - origin[:, None], large + level
+    return quads * 2.0 ** level[:, None, None], found.score, level
 
 
-def _nothing(like: Tensor) -> tuple[Tensor, Tensor]:
+def _nothing(like: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     none = torch.zeros(0, 4, 2, dtype=torch.float64, device=like.device)
-    return none, none[:, 0, 0].float()
+    return none, none[:, 0, 0].float(), none[:, 0, 0].long()
 
 
 def canvas_of(
@@ -253,13 +257,13 @@ def canvas_of(
 
 def _in_tiles(
     net: Scout, levels: Sequence[Tensor], large: int, size: int
-) -> tuple[Tensor, Tensor]:
+) -> tuple[Tensor, Tensor, Tensor]:
     """Look at the tiles of the larger levels (H,W) that the gate chooses."""
     if not large:
         return _nothing(levels[0])
     tile, margin = pyramids.SETTINGS.tile_px, pyramids.SETTINGS.margin_px
     side = tile + 2 * margin
-    tiles, places, scales = [], [], []
+    tiles, places, numbers = [], [], []
     for number, level in enumerate(levels[:large]):
         row, column = gate(level).unbind(1)
         high, wide = (-(-length // tile) * tile for length in level.shape)
@@ -270,7 +274,7 @@ def _in_tiles(
         views = canvas.unfold(0, side, tile).unfold(1, side, tile)
         tiles.append(views[row, column][:, None])
         places.append(torch.stack([column, row], 1) * tile - margin)
-        scales.append(torch.full_like(row, 2**number))
+        numbers.append(torch.full_like(row, number))
     outputs = net(torch.cat(tiles))
     edge = margin // SETTINGS.stride_px
     score = outputs[:, size]
@@ -278,4 +282,5 @@ def _in_tiles(
     score[:, :, :edge] = score[:, :, -edge:] = -torch.inf
     found = peaks(score, outputs, SETTINGS.peaks)
     quads = found.quads.double() + torch.cat(places)[found.picture, None]
-    return quads * torch.cat(scales)[found.picture, None, None], found.score
+    of_level = torch.cat(numbers)[found.picture]
+    return quads * 2.0 ** of_level[:, None, None], found.score, of_level

@@ -1,17 +1,18 @@
-"""What stands behind the panels of the training frames: drawn shapes, lettering, lattices and photographs."""
+"""What stands behind panels in ``clutter.yaml``: photographs, and lattices that are no panels."""
 
-import functools
 import math
 from importlib import resources
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
-from PIL import Image, ImageDraw
+from numpy.random import Generator
 
-from vocc_torch.arrays import Bytes, Floats, Singles
-from vocc_torch.simulation.sketch import words_of
-
-Plane = Singles
-Generator = np.random.Generator
+from vocc_torch.arrays import Floats
+from vocc_torch.simulation import roadside
+from vocc_torch.simulation.effects import street, within
+from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.sketch import Sketch
 
 PHOTOGRAPHS = (
     "skimage.data/astronaut.png",
@@ -38,90 +39,85 @@ PHOTOGRAPHS = (
 )
 """Training photographs. ``coffee``, ``china`` and ``horse`` are left to the validation."""
 
-
-def mosaics(seed: int, size: tuple[int, int, int]) -> Bytes:
-    """Put frames (N,H,W) of a size together from photographs, at several sizes, and drawings."""
-    count, high, wide = size
-    side = 272
-    rows, columns = -(-high // side), -(-wide // side)
-    frames = np.empty((count, rows, side, columns, side), np.uint8)
-    for number in range(count):
-        draw = np.random.default_rng((seed, number))
-        for row, column in np.ndindex(rows, columns):
-            frames[number, row, :, column] = (255 * _tile(draw, side)).round()
-    return frames.reshape(count, rows * side, -1)[:, :high, :wide]
+SIDES = (4, 5, 6, 8, 8, 12, 16)
+"""Rows and columns of lattices."""
 
 
-def _tile(draw: Generator, side: int) -> Plane:
-    """Cut a square from a photograph at a random size, or draw one."""
-    if draw.random() < 0.3:
-        return drawing(draw, (side, side))
-    whole = photograph(PHOTOGRAPHS[draw.integers(len(PHOTOGRAPHS))])
-    least = side / min(whole.shape)
-    scale = max(least, math.exp(draw.uniform(math.log(0.3), math.log(1.5))))
-    high, wide = (max(side, round(length * scale)) for length in whole.shape)
-    picture = Image.fromarray(whole).resize((wide, high), Image.Resampling.BOX)
-    top, left = (int(draw.integers(length - side + 1)) for length in (high, wide))
-    return np.asarray(picture)[top : top + side, left : left + side].clip(0, 1)
+def copy_photographs(folder: Path) -> None:
+    """Copy the training photographs into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in PHOTOGRAPHS:
+        package, _, file = name.partition("/")
+        (folder / file).write_bytes((resources.files(package) / file).read_bytes())
 
 
-@functools.cache
-def photograph(name: str) -> Plane:
-    """Read a photograph's grey values, 0 to 1, from ``package/file``."""
-    package, _, file = name.partition("/")
-    with (
-        resources.as_file(resources.files(package) / file) as path,
-        Image.open(path) as picture,
-    ):
-        return np.asarray(picture.convert("L"), np.float32) / np.float32(255)
+class Lattices(street.Sketched):
+    """Lattices of dots on boards that are no panels, anywhere on the sensor.
+
+    Their dots are lit by a rule, lie off the lattice, in rows shifted by half a cell or within a disc, or are
+    fewer than show a lattice; each lattice has at least one of these. A frame and its preambles share them.
+
+    Args:
+        count: of a frame, a number or a distribution, 0 to 100.
+    """
+
+    after: ClassVar[str | None] = "backdrop"
+
+    count: Distribution | float = within(
+        0, 100, default=Distribution("uniform", (1.0, 6.0))
+    )
+
+    def draw(self, layer: street.Layer, generator: Generator) -> None:
+        """Draw one frame's lattices."""
+        context = layer.camera_view.context
+        light = roadside.Light(
+            float(context.scene.ambient_lx[0]) / math.pi,
+            float(context.scene.led_luminance_cd_m2[0]),
+            lit=1.0,
+        )
+        for _ in range(round(self.drawn("count", generator))):
+            middle = generator.uniform((0, 0), context.camera.sensor_px[::-1])
+            turn, lean = generator.normal(0, 0.3, 2)
+            pitch_px = roadside.spread(generator, 1.8, 16)
+            axes = np.array([[1, turn], [-turn, 1 + lean]]) * pitch_px
+
+            def place(
+                points: Floats, axes: Floats = axes, middle: Floats = middle
+            ) -> Floats:
+                return points @ axes + middle
+
+            layer.lay(lattice(generator, light).parts, place)
 
 
-def drawing(draw: Generator, size: tuple[int, int]) -> Plane:
-    """Draw rectangles, discs, bars, gratings, letters and lattices, grey values (H,W), 0 to 1."""
-    high, wide = size
-    plane = Image.new("L", (wide, high), int(draw.integers(10, 120)))
-    pen = ImageDraw.Draw(plane)
-    for _ in range(int(draw.integers(0, 25))):
-        middle = draw.uniform(0, (wide, high))
-        half = np.exp(draw.uniform(math.log(2), math.log(wide / 2), 2))
-        box = [*(middle - half), *(middle + half)]
-        shade = int(255 * draw.random() ** 2)
-        kind = int(draw.integers(8))
-        if kind < 2:
-            pen.rectangle(box, fill=shade, outline=int(draw.integers(256)))
-        elif kind == 2:
-            pen.ellipse(box, fill=shade)
-        elif kind == 3:
-            pen.line(box, fill=shade, width=int(draw.integers(1, 8)))
-        elif kind == 4:
-            words = words_of(draw, int(draw.integers(2, 10)))
-            pen.text(
-                tuple(middle),
-                words,
-                fill=shade,
-                font_size=float(np.clip(half[1], 6, 80)),
-            )
-        else:
-            _lattice(pen, draw, middle, shade)
-    return np.asarray(plane, np.float32) / np.float32(255)
-
-
-def _lattice(
-    pen: ImageDraw.ImageDraw, draw: Generator, start: Floats, shade: int
-) -> None:
-    """Draw a grating or a lattice of equal cells, some of them left out by a rule or at random."""
-    step = math.exp(draw.uniform(math.log(2), math.log(24)))
-    rows, columns = (int(count) for count in draw.integers(3, 20, 2))
-    fill = draw.uniform(0.3, 0.95)
-    kind = int(draw.integers(4))
-    missing = 0.15 * float(draw.random() < 0.3)
-    spread = 80 * float(draw.random() < 0.3)
-    for row in range(rows):
-        for column in range(columns if kind else 1):
-            if draw.random() < missing or (kind == 3 and (row + column) % 2):
-                continue
-            left, top = start + step * np.array((column, row))
-            right = left + step * (fill if kind else 8)
-            box = [left, top, right, top + step * fill]
-            grey = int(np.clip(shade + spread * draw.standard_normal(), 0, 255))
-            (pen.ellipse if kind == 2 else pen.rectangle)(box, fill=grey)
+def lattice(g: Generator, light: roadside.Light) -> Sketch:
+    """Draw a lattice that is no panel, with a board or without; a cell has a side of 1."""
+    ruled, scattered, bricks, disc, sparse = g.random(5) < (0.5, 0.45, 0.3, 0.3, 0.25)
+    rows, columns = (int(side) for side in g.choice(SIDES, 2))
+    row, column = np.indices((rows, columns))
+    at = np.stack([column - (columns - 1) / 2, row - (rows - 1) / 2], axis=-1)
+    far = np.hypot(*(at * 2 / (columns, rows)).T).T
+    lit, shown = g.random(row.shape) < g.uniform(0.2, 0.8), np.ones(row.shape, bool)
+    if ruled or not (scattered or bricks or disc or sparse):
+        down, across = g.integers(3, size=2)
+        lit = (down * row + across * column) % g.integers(1, 5) == 0
+        lit ^= g.random(row.shape) < 0.03
+    if scattered:
+        at += np.clip(g.normal(0, g.uniform(0.18, 0.45), at.shape), -0.45, 0.45)
+    if bricks:
+        at[..., 0] += row % 2 / 2
+    if disc:
+        shown = far < g.uniform(0.9, 1.05)
+    if sparse:
+        shown = g.random(row.shape) < g.uniform(1, 3.5) / row.size
+        shown.flat[g.integers(row.size)] = True
+        lit = shown
+    drawing = Sketch()
+    if g.random() < 0.7:
+        margin = g.uniform(0, 1.5)
+        half = columns / 2 + margin, rows / 2 + margin
+        drawing.box(half[0], -half[1], half[1], light.matt(g, 0.02, 0.6))
+    bright = light.led_cd_m2 * roadside.spread(g, 0.1, 2)
+    luminance = np.where(lit, bright, light.matt(g, 0.03, 0.6))
+    fill, round_dots = g.uniform(0.2, 0.95), bool(g.random() < 0.6)
+    drawing.dots(at[shown], fill / 2, luminance[shown], round=round_dots)
+    return drawing

@@ -9,47 +9,35 @@ from torch.nn import functional
 from vocc_torch.receiver.detector import judge as judging
 from vocc_torch.receiver.detector.judge import SQUARE, Judge, corners_of
 from vocc_torch.receiver.detector.weights import Networks
-from vocc_torch.receiver.resample import corner_cells
-from vocc_torch.studies.train_detector.candidates import Found, proposals
-from vocc_torch.studies.train_detector.composition import SHAPES
-from vocc_torch.studies.train_detector.draws import Draws
-from vocc_torch.studies.train_detector.finish import finished
-from vocc_torch.studies.train_detector.sampling import (
+from vocc_torch.studies.train_detector.candidate_training import (
     CandidateSampler,
     CandidateTraining,
-    Form,
-    Pictures,
 )
+from vocc_torch.studies.train_detector.pool import Form
+from vocc_torch.studies.train_detector.sampling import Found, Pictures, proposals
 from vocc_torch.types import PanelShape
 
 
 @dataclass(frozen=True)
 class JudgeTraining(CandidateTraining):
-    """Settings of the training; a unit is a px, and a step a side of a candidate."""
+    """Settings of the training; a candidate's side has 14 cells."""
 
     shapes: tuple[tuple[int, int], ...] = ((8, 8), (8, 16), (16, 16), (8, 32))
     shape_shares: tuple[float, ...] = (0.6, 0.15, 0.17, 0.08)
-    mirrored: float = 0.5  # share of batches in which rows are columns
-    rendered: int = 14
-    counterexamples: int = 14
-    mined: int = 44
-    rough: tuple[float, ...] = (0.1, 0.3, 0.6, 1.0, 1.3)
-    rough_shares: tuple[float, ...] = (0.15, 0.2, 0.25, 0.25, 0.15)
+    rendered: int = 50
+    near: int = 20
+    empty: int = 14
+    clutter: int = 44
+    rough: tuple[float, ...] = (0.1, 0.3, 0.3, 0.6, 0.6, 1.0, 1.3)
     size: float = 0.16
     aspect: float = 0.08
-    turn: float = 0.12
-    wild_turn: float = 0.35
-    wild: float = 0.15  # share of candidates that are turned more
-    shift: float = 0.093
-    bend: float = 0.04
-    small: float = 0.56
-    soft_px: float = 0.6
-    blur_px: tuple[float, float] = (0.35, 1.6)
+    turn: float = 0.15
+    shift: float = 1.3
+    bend: float = 0.56
+    small: float = 0.28
     map_weight: float = 0.5
     corner_weight: float = 0.3
     corner_beta_px: float = 0.5
-    mined_of_frame: int = 16
-    mined_again: int = 8
 
 
 SETTINGS = JudgeTraining()
@@ -60,30 +48,18 @@ class JudgeSampler(CandidateSampler):
 
     settings = SETTINGS
 
-    def form(self, number: int, shape: PanelShape) -> Form:
-        """Give the pictures of shapes that the judge sees alike."""
-        options, shapes, device = judging.SETTINGS, self.pool.shapes, self.pool.device
-        down, across = judging.grown(shape)
-        parts = torch.tensor((across, down), device=device) * options.samples
-        nominal = (corner_cells(SQUARE).float().to(device) + options.margin) * parts
-        panels, empty = seen_as(shape, shapes), shapes[:, 0] == 0
-        laid = torch.tensor(SHAPES, dtype=torch.float32, device=device)
-        # Frames without a panel are shared out, as larger pictures take longer.
-        turn = torch.arange(len(shapes), device=device) % len(SETTINGS.shapes)
-        mined = panels | (empty & ((turn == number) | (number == 0)))
-        return Form(
-            shape,
-            SQUARE,
-            (down * options.side_px, across * options.side_px),
-            nominal,
-            margin=0.0,
-            unit_px=1.0,
-            step=nominal[2] - nominal[0],
-            laid=laid[seen_as(shape, laid)],
-            panels=panels,
-            mined=mined,
-            share=1 / (down * across),
-        )
+    def form(self, shape: PanelShape) -> Form:
+        """Give the picture of shapes that the judge sees alike."""
+        samples = judging.samples_of(shape)
+        return Form(shape, SQUARE, samples, judging.SETTINGS.margin)
+
+    def shows(self, form: Form) -> Tensor:
+        """Say which frames (N,) show a panel whose picture is as large."""
+        sizes = [
+            rows > 0 and judging.samples_of(PanelShape(rows, columns)) == form.samples
+            for rows, columns in self.pool.shapes.tolist()
+        ]
+        return torch.tensor(sizes, device=self.pool.device)
 
     def candidates(self, networks: Networks, frames: Tensor) -> Found:
         """Give the scout's candidates."""
@@ -92,61 +68,38 @@ class JudgeSampler(CandidateSampler):
     def looked(
         self, networks: Networks, form: Form, grey: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Give logits (B,) and corners (B,4,2), parts of SQUARE."""
+        """Give logits (B,) and corners (B,4,2), cells."""
         logit, maps = networks.judge(grey)
         return logit, judging.parts_of(corners_of(maps), form.shape)
 
-    def counterexamples(self, draws: Draws, form: Form) -> Tensor:
-        """Cut pictures without a panel."""
-        return finished(self.behind(draws, form), draws)
-
-    def turn(self, draws: Draws) -> Tensor:
-        """Draw angles (B,1), some of them wild."""
-        wild = SETTINGS.wild_turn * draws.coin(SETTINGS.wild)
-        return super().turn(draws) + wild * draws.normal(1)
-
-    def loss(self, net: Judge, generator: torch.Generator) -> Tensor:
-        """Give the loss of a batch, mirrored or not."""
-        _, batch = self.batch(generator)
-        if bool(Draws(generator, 1).coin(SETTINGS.mirrored)):
-            quads = batch.quads.flip(2)[:, [0, 3, 2, 1]]
-            batch = batch._replace(grey=batch.grey.mT, quads=quads)
+    def loss(self, net: Judge) -> Tensor:
+        """Give the loss of a batch."""
+        form, batch = self.batch()
         logit, maps = net(batch.grey)
-        return judge_loss(logit, maps, batch)
+        return judge_loss(logit, maps, form, batch)
 
 
-def seen_as(shape: PanelShape, shapes: Tensor) -> Tensor:
-    """Say which shapes (N,2), 0 without a panel, have pictures as large as those of a shape, (N,) bool."""
-    sizes = [
-        rows > 0 and judging.grown(PanelShape(rows, columns)) == judging.grown(shape)
-        for rows, columns in shapes.long().tolist()
-    ]
-    return torch.tensor(sizes, device=shapes.device)
-
-
-def judge_loss(logit: Tensor, maps: Tensor, pictures: Pictures) -> Tensor:
+def judge_loss(logit: Tensor, maps: Tensor, form: Form, pictures: Pictures) -> Tensor:
     """Give the losses of scores, of maps and of the corners in them."""
-    wide = maps.shape[3]
-    most = pictures.quads.new_tensor([wide, maps.shape[2]])
-    far = judging.SETTINGS.heat_px * most - 1
-    inside = ((pictures.quads > 1) & (pictures.quads < far)).all(2)
+    options, heat_px = SETTINGS, judging.SETTINGS.heat_px
+    down, across = form.samples
+    corners = pictures.corners + form.margin
+    corners = corners * corners.new_tensor((across, down))
+    high, wide = maps.shape[2:]
+    most = corners.new_tensor((wide, high))
+    inside = ((corners > 1) & (corners < heat_px * most - 1)).all(2)
     inside &= pictures.panel[:, None]
     # Each corner is shared among the four places around it.
-    place = pictures.quads / judging.SETTINGS.heat_px - 0.5
-    place = place.clamp(min=0).minimum(most - 1)
-    numbers = torch.arange(max(maps.shape[2:]), device=maps.device)
-    shares = (1 - (place[..., None] - numbers).abs()).clamp(min=0)
-    across, down = shares.unbind(2)
+    place = (corners / heat_px - 0.5).clamp(min=0).minimum(most - 1)
+    x, y = (torch.arange(side, device=maps.device) for side in (wide, high))
+    share_x = (1 - (place[..., :1] - x).abs()).clamp(min=0)
+    share_y = (1 - (place[..., 1:] - y).abs()).clamp(min=0)
     likely = maps.flatten(2).log_softmax(2).view_as(maps)
-    heat = down[..., : maps.shape[2], None] * across[..., None, :wide]
-    cost = -(heat * likely).sum((2, 3))
+    cost = -(share_y[..., None] * share_x[..., None, :] * likely).sum((2, 3))
     off = functional.smooth_l1_loss(
-        corners_of(maps),
-        pictures.quads,
-        beta=SETTINGS.corner_beta_px,
-        reduction="none",
+        corners_of(maps), corners, beta=options.corner_beta_px, reduction="none"
     )
-    cost = SETTINGS.map_weight * cost + SETTINGS.corner_weight * off.sum(2)
+    cost = options.map_weight * cost + options.corner_weight * off.sum(2)
     score = functional.binary_cross_entropy_with_logits(logit, pictures.panel.float())
     loss: Tensor = score + (cost * inside).sum() / inside.sum().clamp(min=1)
     return loss

@@ -1,6 +1,6 @@
-"""The pool of training frames: rendered once, kept on disk, read from one buffer on any device."""
+"""The pool of training frames: rendered once, kept on disk, read as the detector reads frames."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -10,40 +10,59 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 
-from vocc_torch.api import load_scene, simulate
+from vocc_torch.api import load_scene
 from vocc_torch.files import atomic_file
-from vocc_torch.receiver.detector import pyramid as pyramids
-from vocc_torch.receiver.detector.pyramid import halved
-from vocc_torch.receiver.resample import cell_size_px, rectify
+from vocc_torch.hardware import Camera
+from vocc_torch.receiver.detector.pyramid import Pyramid, places_of_cells
+from vocc_torch.receiver.resample import cell_homography, cell_size_px, centre_greys
 from vocc_torch.report.terminal import Console, ProgressView
-from vocc_torch.studies.train_detector.clutter import mosaics
+from vocc_torch.rng import BlockKey, FrameKey
+from vocc_torch.studies.train_detector.clutter import copy_photographs
 from vocc_torch.types import Frames, Panels, PanelShape
+from vocc_torch.yaml_text import read_yaml
 
 
 @dataclass(frozen=True)
 class PoolSettings:
-    """The rendered scenes."""
+    """The rendered frames."""
 
-    frames: int = 16  # of a block
-    width_px: int = 960  # half of the camera's, of pixels as large
-    height_px: int = 544
-    offset_m: tuple[float, float] = (1.0, 0.4)  # of panels, to the right and down
-    samples: int = 4  # along a cell's side, whose middle ones tell the LED
-    least_contrast: float = 1.2  # of On and Off cells of a readable panel, deviations
-    mosaics: int = 32  # frames put together from photographs and drawings
+    frames: int = 48  # of a block
+    width_px: int = 480  # a quarter of the camera's, of pixels as large
+    height_px: int = 272
+    offset_m: tuple[float, float] = (0.5, 0.2)  # of panels, to the right and down
+    lit: tuple[float, float] = (0.2, 0.8)  # share of LEDs that are On
+    pictured: float = 0.25  # share of panels whose On LEDs stand together
+    together: float = 0.35  # of their share, in the mean of 3 x 3 random numbers
+    least_correlation: float = 0.6  # of a readable panel's bits and its LEDs' grey
+    least_spread: float = 2.0  # deviation of its LEDs' grey
 
 
 SETTINGS = PoolSettings()
 
 ABSENT = "+scene.effects.panel_absent={}"
 
-STREETS = ("street", "street_night")
+PHOTOGRAPHS = "photographs"
+"""Folder of the photographs, beside the blocks."""
+
+CLUTTER = "clutter"
+"""The scene of ``clutter.yaml``."""
+
+SCENES = ("street", "street_night", CLUTTER)
 PLAIN = ("paper", "fog", "tunnel", "night", "low_sun")
 """Scenes of which in each round one has a block."""
 
-SHAPES = ((8, 8), (4, 4), (8, 8), (16, 16), (4, 8), (8, 16))
-"""Rows and columns of the panels: in each round the first two and one of the others."""
+COMMON = ((8, 8), (4, 4))
+"""Rows and columns of panels that each round has in each scene."""
+
+OTHERS = (
+    *((16, 16), (4, 8), (8, 16), (12, 12), (5, 7)),
+    *((6, 6), (8, 32), (32, 32), (5, 5), (4, 5)),
+)
+"""Rows and columns of which each round has one in each scene."""
+
+SHAPES = COMMON + OTHERS
 
 
 class PoolBlock(NamedTuple):
@@ -57,19 +76,17 @@ class PoolBlock(NamedTuple):
 
 
 def blocks_of(folder: Path, seed: int, rounds: int) -> list[PoolBlock]:
-    """List the blocks: in each round three streets without a panel, three with, and one plain scene, twice."""
+    """List the blocks: in each round two of each scene without a panel, three with, and one plain scene."""
     blocks = []
     for number in range(rounds):
-        other = SHAPES[2:][number % len(SHAPES[2:])]
         plain = PLAIN[number % len(PLAIN)]
-        shapes = (*((0, 0),) * 3, *SHAPES[:2], other)
-        scenes = [
-            (f"{scene}_{part}", scene, sides)
-            for part, sides in enumerate(shapes)
-            for scene in STREETS
-        ]
-        for name, scene, sides in (*scenes, (plain, plain, SHAPES[0])):
-            path = folder / f"{number:03d}_{name}.npz"
+        kinds = [(plain, 0, COMMON[0])]
+        for place, scene in enumerate(SCENES):
+            other = OTHERS[(len(SCENES) * number + place) % len(OTHERS)]
+            shapes = ((0, 0), (0, 0), *COMMON, other)
+            kinds += [(scene, part, sides) for part, sides in enumerate(shapes)]
+        for scene, part, sides in kinds:
+            path = folder / f"{number:03d}_{scene}_{part}.npz"
             blocks.append(PoolBlock(path, scene, *sides, seed))
     return blocks
 
@@ -77,6 +94,8 @@ def blocks_of(folder: Path, seed: int, rounds: int) -> list[PoolBlock]:
 def render(blocks: Sequence[PoolBlock], workers: int, console: Console) -> None:
     """Render the blocks that are missing, in processes."""
     missing = [block for block in blocks if not block.path.exists()]
+    if missing:
+        copy_photographs(missing[0].path.parent / PHOTOGRAPHS)
     context = get_context("spawn")
     with (
         ProgressView(len(missing), console, "rendering", unit="blocks") as view,
@@ -90,9 +109,9 @@ def render(blocks: Sequence[PoolBlock], workers: int, console: Console) -> None:
 def render_block(block: PoolBlock) -> None:
     """Write the frames of a block, whole or not at all."""
     options = SETTINGS
-    rows, columns = (block.rows, block.columns) if block.rows else SHAPES[0]
+    rows, columns = (block.rows, block.columns) if block.rows else COMMON[0]
     right, down = options.offset_m
-    camera = load_scene(block.scene).camera
+    camera = Camera()
     width_mm = camera.sensor_width_mm * options.width_px / camera.width_px
     overrides = (
         f"panel.rows={rows}",
@@ -104,160 +123,155 @@ def render_block(block: PoolBlock) -> None:
         f"scene.offset_y_m=[uniform,{-down},{down}]",
         *([] if block.rows else [ABSENT]),
     )
-    world = replace(load_scene(block.scene, *overrides), framing="filled", device="cpu")
-    point = f"train_detector {block.path.stem}"
-    parts = list(simulate(world, options.frames, block.seed, point=point))
-    grey = torch.cat([one.frames.grey for one in parts])
-    corners = torch.cat([one.corners_px for one in parts]).double()
-    bits = torch.cat([one.bits for one in parts])
+    scene: Any = block.scene
+    if scene == CLUTTER:
+        scene = read_yaml(Path(__file__).with_name("clutter.yaml"))
+        photographs = block.path.parent / PHOTOGRAPHS
+        scene["effects"]["backdrop"]["folder"] = str(photographs)
+    world = replace(load_scene(scene, *overrides), framing="filled", device="cpu")
+    simulator = world.simulator()
+    key = BlockKey(block.seed, f"train_detector {block.path.stem}", 0)
+    scenes, _ = world.scene.draw(key, simulator.panel.shape)
+    scenes = scenes[: options.frames]
+    bits = bits_of(key, len(scenes), simulator.panel.shape)
+    names = [FrameKey(key, frame) for frame in range(len(scenes))]
+    grey = simulator.render(scenes, bits, keys=names).grey
+    panels = simulator.true_panels(scenes, names)
     with atomic_file(block.path) as temporary:
         np.savez(
             temporary,
             grey=grey[:, 0].numpy(),
-            corners=corners.numpy() * bool(block.rows),
+            corners=panels.corners_px.double().numpy(),
             shape=np.tile((block.rows, block.columns), (len(grey), 1)),
-            readable=readable(grey, corners, bits).numpy() & bool(block.rows),
+            readable=(panels.found & readable(grey, panels, bits)).numpy(),
         )
+
+
+def bits_of(key: BlockKey, count: int, shape: PanelShape) -> Tensor:
+    """Draw which LEDs are On (B,R,C): shares of them at random, and in some frames together."""
+    options, generator = SETTINGS, key.generator("bits")
+    noise = torch.from_numpy(generator.random((count, *shape.sides)))
+    share = torch.from_numpy(generator.uniform(*options.lit, (count, 1, 1)))
+    pictured = torch.from_numpy(generator.random((count, 1, 1))) < options.pictured
+    mean = functional.avg_pool2d(noise, 3, 1, 1, count_include_pad=False)
+    together = mean < 0.5 + options.together * (share - 0.5)
+    return torch.where(pictured, together, noise < share)
+
+
+def readable(grey: Tensor, panels: Panels, bits: Tensor) -> Tensor:
+    """Say in which frames (B,1,H,W) panels are whole and their bits (B,R,C) can be told by their LEDs' grey."""
+    corners_px = panels.corners_px
+    wide_high = corners_px.new_tensor(grey.shape[:1:-1])
+    inside = (corners_px >= -0.5) & (corners_px <= wide_high + 0.5)
+    light = centre_greys(Frames.whole(grey), panels, PanelShape(*bits.shape[1:]))
+    light, sent = (
+        part - part.mean(1, keepdim=True)
+        for part in (light.flatten(1), bits.flatten(1).float())
+    )
+    alike = functional.cosine_similarity(light, sent) > SETTINGS.least_correlation
+    apart = light.square().mean(1).sqrt() > SETTINGS.least_spread
+    return inside.all(2).all(1) & alike & apart
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a network sees of a candidate.
+
+    Args:
+        shape: rows and columns of the panels.
+        cells: rows and columns that the candidate's sides are cut into.
+        samples: px of a cell, down and across.
+        margin: cells around the candidate.
+    """
+
+    shape: PanelShape
+    cells: PanelShape
+    samples: tuple[int, int]
+    margin: int = 0
+
+    @property
+    def px(self) -> int:
+        """Pixels of the picture."""
+        rows, columns = self.cells.rows, self.cells.columns
+        beyond, (down, across) = 2 * self.margin, self.samples
+        return (rows + beyond) * down * (columns + beyond) * across
+
+    @property
+    def transposed(self) -> "Form":
+        """Rows for columns."""
+        shape, cells = (
+            PanelShape(sides.columns, sides.rows) for sides in (self.shape, self.cells)
+        )
+        down, across = self.samples
+        return Form(shape, cells, (across, down), self.margin)
 
 
 @dataclass(frozen=True)
 class Pool:
-    """Frames and their halvings in one buffer.
+    """Frames, each with its halvings in one picture.
 
     Args:
-        buffer: uint8, the levels one after another, each of all frames.
-        starts: (L,) int64 first pixel of a level.
-        sizes: (L,2) int64 rows and columns of a level.
+        atlases: (N,h,w) uint8, those of :class:`Pyramid`.
+        sizes: rows and columns of each level, the frame's first.
         corners_px: (N,4,2) float64 true corners; zeros where there is no panel.
         shapes: (N,2) int64 rows and columns; zeros where there is no panel.
         readable: (N,) bool, whether a panel is whole in the frame and its bits can be told at the corners.
     """
 
-    buffer: Tensor
-    starts: Tensor
-    sizes: Tensor
+    atlases: Tensor
+    sizes: tuple[tuple[int, int], ...]
     corners_px: Tensor
     shapes: Tensor
     readable: Tensor
 
     @classmethod
-    def of(cls, paths: Sequence[Path], seed: int, device: torch.device) -> Self:
-        """Read blocks in the order of their names, and put photographs and drawings beside them."""
-        options = SETTINGS
-        size = options.mosaics, options.height_px, options.width_px
-        blocks: list[Mapping[str, Any]] = [
-            {
-                "grey": mosaics(seed, size),
-                "corners": np.zeros((options.mosaics, 4, 2)),
-                "shape": np.zeros((options.mosaics, 2), int),
-                "readable": np.zeros(options.mosaics, bool),
-            }
-        ]
-        blocks[:0] = [np.load(path, allow_pickle=False) for path in sorted(paths)]
-        grey, *told = (
+    def of(cls, paths: Sequence[Path], device: torch.device) -> Self:
+        """Read blocks in the order of their names."""
+        blocks = [np.load(path, allow_pickle=False) for path in sorted(paths)]
+        grey, *truths = (
             torch.from_numpy(np.concatenate([block[name] for block in blocks]))
-            for name in blocks[-1]
+            for name in ("grey", "corners", "shape", "readable")
         )
-        return cls(*levels_of(grey, device), *(part.to(device) for part in told))
+        return cls.from_frames(grey, *(truth.to(device) for truth in truths))
+
+    @classmethod
+    def from_frames(
+        cls, grey: Tensor, corners_px: Tensor, shapes: Tensor, readable: Tensor
+    ) -> Self:
+        """Halve frames (N,H,W) uint8."""
+        frames = [Pyramid.of(frame[None, None]) for frame in grey]
+        atlases = torch.stack([frame.atlas.byte() for frame in frames])
+        sizes = frames[0].sizes
+        return cls(atlases.to(shapes.device), sizes, corners_px, shapes, readable)
 
     @property
     def device(self) -> torch.device:
         """Where the frames are."""
-        return self.buffer.device
+        return self.atlases.device
 
     @property
     def empty(self) -> Tensor:
-        """Numbers of the frames without a panel."""
-        return (self.shapes[:, 0] == 0).nonzero()[:, 0]
+        """Which frames (N,) are without a panel."""
+        return self.shapes[:, 0] == 0
 
     @property
     def pitch_px(self) -> Tensor:
         """Mean distance of LEDs (N,), NaN without a panel."""
         sides = torch.stack(cell_size_px(self.corners_px, PanelShape(1, 1)))
-        return (sides.prod(0) / self.shapes.prod(1)).sqrt().float()
+        return (sides.prod(0) / self.shapes.prod(1)).sqrt()
 
-    def levels(self, number: int, frames: Tensor) -> Tensor:
-        """Give a level of frames (n,), (n,H,W) float32."""
-        high, wide = self.sizes[number].tolist()
-        start = int(self.starts[number])
-        many = len(self.shapes)
-        planes = self.buffer[start : start + many * high * wide].view(many, high, wide)
-        return planes[frames].float()
+    def pyramid(self, frame: int) -> Pyramid:
+        """Give one frame's halvings."""
+        high, wide = self.sizes[0]
+        return Pyramid.of(self.atlases[frame, :high, :wide][None, None])
 
-    def read(self, frame: Tensor, level: Tensor, at: Tensor) -> Tensor:
-        """Read (B,P) of frames (B,) bilinearly in levels (B,) at places (B,2,P) px of the frame.
-
-        Beyond a frame its edges go on.
-        """
-        size = self.sizes[level]
-        start = self.starts[level, None] + frame[:, None] * size.prod(1, keepdim=True)
-        places = at.double().nan_to_num() * 0.5 ** level[:, None, None]
-        return bilinear(self.buffer, start, size, places)
-
-
-def bilinear(buffer: Tensor, start: Tensor, size: Tensor, at: Tensor) -> Tensor:
-    """Read planes in a buffer (P,) at places (n,2,P), px, whose pixel centres lie at halves, to (n,P) float32.
-
-    Args:
-        buffer: grey values.
-        start: (n,1) int64 where the planes begin.
-        size: (n,2) int64 height and width.
-        at: across and down; beyond a plane its border pixels go on.
-
-    Example:
-        >>> start, size, at = torch.tensor([[0]]), torch.tensor([[1, 2]]), torch.tensor([[[1.0], [0.5]]])
-        >>> bilinear(torch.tensor([0.0, 8.0]), start, size, at).tolist()
-        [[4.0]]
-    """
-    last = size.flip(1)[..., None] - 1
-    at = (at - 0.5).clamp(min=0).minimum(last.to(at))
-    first = at.floor().minimum((last - 1).clamp(min=0).to(at))
-    share = (at - first).float().unbind(1)
-    column, row = first.long().unbind(1)
-    wide = size[:, 1:]
-    index = row * wide + column + start
-    right, below = (wide > 1).long(), wide * (size[:, :1] > 1)
-    corners = torch.stack([index, index + below, index + right, index + right + below])
-    near = buffer.index_select(0, corners.flatten()).float().view(2, 2, *index.shape)
-    upper, lower = torch.lerp(near[0], near[1], share[0])
-    return torch.lerp(upper, lower, share[1])
-
-
-def levels_of(grey: Tensor, device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
-    """Lay the halvings of frames (N,H,W) uint8 into one buffer, and say where each begins."""
-    parts, starts, sizes, start = [], [], [], 0
-    level = grey[:, None].to(device)
-    while min(level.shape[2:]) >= pyramids.SETTINGS.least_side_px:
-        parts.append(level.flatten())
-        starts.append(start)
-        sizes.append(level.shape[2:])
-        start += level.numel()
-        level = torch.cat(
-            [halved(some) for some in torch.split(level, SETTINGS.frames)]
+    def read(self, frame: Tensor, quads: Tensor, form: Form) -> Tensor:
+        """Read the pictures (n,h,w) of candidates (n,4,2) px of frames (n,), as :meth:`Pyramid.read_cells` does."""
+        homography = cell_homography(quads, form.cells)
+        grid = places_of_cells(
+            self.sizes, quads, homography, form.cells, form.samples, form.margin
         )
-    numbers = torch.tensor(starts, device=device), torch.tensor(sizes, device=device)
-    return torch.cat(parts), *numbers
-
-
-def readable(grey: Tensor, corners_px: Tensor, bits: Tensor) -> Tensor:
-    """Say in which frames (B,1,H,W) panels are whole and their On and Off cells part at the true corners."""
-    wide_high = corners_px.new_tensor(grey.shape[:1:-1])
-    inside = (corners_px >= -0.5) & (corners_px <= wide_high + 0.5)
-    shape, side = PanelShape(*bits.shape[1:]), SETTINGS.samples
-    panels = Panels.known(corners_px)
-    cells = rectify(Frames.whole(grey), panels, shape, side, margin=0)
-    cells = cells.view(-1, shape.rows, side, shape.columns, side)
-    means = cells[:, :, 1:-1, :, 1:-1].mean((2, 4))
-    apart = torch.stack(
-        [
-            contrast(mean[sent], mean[~sent])
-            for mean, sent in zip(means, bits, strict=True)
-        ]
-    )
-    return inside.all(2).all(1) & (apart > SETTINGS.least_contrast)
-
-
-def contrast(on: Tensor, off: Tensor) -> Tensor:
-    """Say how far On and Off cells part, in standard deviations; NaN where either are missing."""
-    spread = (on.var(correction=0) + off.var(correction=0) + 1).sqrt()
-    return (on.mean() - off.mean()) / spread
+        atlases = self.atlases[frame][:, None].float()
+        return functional.grid_sample(
+            atlases, grid, padding_mode="border", align_corners=False
+        )[:, 0]

@@ -35,7 +35,7 @@ class LearningSettings:
     """How a run is cut into pieces, and how networks learn."""
 
     round_steps: int = 500  # between minings, each of which is kept
-    mined_frames: int = 100  # of a mining, at the usual size of a batch
+    mined_frames: int = 200  # of a mining, at the usual size of a batch
     rate: float = 3e-3
     least_rate: float = 0.01  # of the rate, at the end
     warm_steps: int = 200  # in which the rate rises
@@ -60,7 +60,7 @@ def run_train_detector(
     blocks = blocks_of(folder / POOL, settings.seed, own.rounds)
     render(blocks, os.cpu_count() or 1, console)
     device = resolve_device(settings.device)
-    pool = Pool.of([block.path for block in blocks], settings.seed, device)
+    pool = Pool.of([block.path for block in blocks], device)
     console.print(f"frames: {len(pool.shapes)}", highlight=False)
     for part in PARTS:
         steps = getattr(own, f"{part}_steps")
@@ -73,9 +73,8 @@ def run_train_detector(
 
 def current(folder: Path, device: torch.device) -> Networks:
     """Give the networks as far as they are trained."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(0)
-        networks = Networks.fresh()
+    torch.manual_seed(0)
+    networks = Networks.fresh()
     for part in PARTS:
         if (folder / f"{part}.pt").exists():
             state = read_state(folder / f"{part}.pt", device)
@@ -132,21 +131,22 @@ def train_part(
         mean.load_state_dict(state["mean"])
         optimiser.load_state_dict(state["optimiser"])
         done = int(state["done"])
-    sampler, generator = SAMPLERS[part](pool, scale), torch.Generator(device)
-    usable = (pool.readable | (pool.shapes[:, 0] == 0)).nonzero()[:, 0]
+    sampler = SAMPLERS[part](pool, scale)
+    usable = (pool.readable | pool.empty).nonzero()[:, 0]
     left, words = max(steps - done, 0), f"training the {part}"
     with terminal.ProgressView(left, console, words, unit="steps") as view:
         for start in range(done, steps, SETTINGS.round_steps):
             taken = range(start, min(start + SETTINGS.round_steps, steps))
-            generator.manual_seed(seed + start)
-            order = torch.randperm(len(usable), generator=generator, device=device)
+            networks = current(folder, device)
+            torch.manual_seed(seed + start)
+            order = torch.randperm(len(usable), device=device)
             mined = usable[order[: SETTINGS.mined_frames * scale]]
             with torch.no_grad():
-                sampler.mine(current(folder, device), mined)
+                sampler.mine(networks, mined)
             total = torch.zeros((), device=device)
             for step in taken:
-                generator.manual_seed(seed * 1_000_003 + step)
-                loss = sampler.loss(net, generator)
+                torch.manual_seed(seed * 1_000_003 + step)
+                loss = sampler.loss(net)
                 descend(optimiser, loss, rate_at(step, steps))
                 average(mean, net, step)
                 total += loss.detach()

@@ -1,4 +1,4 @@
-"""Batches of pictures of candidates, whichever network they are for: near and far from panels, and of clutter."""
+"""Batches of pictures that a network is trained on: of panels, of clutter, and of what the networks find."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -6,276 +6,258 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor
-from torch.nn import functional
+from kornia import augmentation
+from torch import Tensor, nn
 
+from vocc_torch.receiver.detector.scout import Scout, propose
 from vocc_torch.receiver.detector.weights import Networks
-from vocc_torch.receiver.resample import map_points
-from vocc_torch.studies.train_detector.candidates import (
-    Found,
-    best_of_frames,
-    joined,
-    with_truth,
-)
-from vocc_torch.studies.train_detector.composition import Likeness, with_panels
-from vocc_torch.studies.train_detector.crops import empty_crops, pictures
-from vocc_torch.studies.train_detector.draws import Draws
-from vocc_torch.studies.train_detector.finish import finished
-from vocc_torch.studies.train_detector.geometry import (
-    homography,
-    mapped,
-    ordered,
-    rearranged,
-    turns,
-)
-from vocc_torch.studies.train_detector.pool import Pool
+from vocc_torch.receiver.resample import cell_homography, corner_cells, map_cells
+from vocc_torch.studies.train_detector.pool import SHAPES, Form, Pool
 from vocc_torch.types import PanelShape
+
+UNIT = PanelShape(1, 1)
+
+VIEWS = ((0, 1, 2, 3), (2, 3, 0, 1), (1, 0, 3, 2), (3, 2, 1, 0))
+"""Orders of corners in which rows stay rows: turned and mirrored."""
+
+TRANSPOSED = (0, 3, 2, 1)
+"""The order of corners in which rows are columns."""
+
+AUGMENTATION = nn.Sequential(
+    augmentation.RandomGaussianBlur((9, 9), (0.3, 1.6), "replicate", p=0.4),
+    augmentation.RandomSharpness(1.0, p=0.2),
+    augmentation.RandomLinearIllumination((0.01, 0.2), p=0.2),
+    augmentation.RandomContrast((0.5, 1.5)),
+    augmentation.RandomBrightness((0.95, 1.1)),
+    augmentation.RandomGamma((0.45, 0.9), p=0.35),
+    augmentation.RandomGaussianNoise(std=0.004, p=0.65),
+    augmentation.RandomGaussianNoise(std=0.02, p=0.35),
+)
+"""What cameras do to pictures (B,1,H,W) of 0 to 1."""
+
+
+@dataclass(frozen=True)
+class SamplingSettings:
+    """What counts as a candidate, and how often it is seen."""
+
+    near: float = 0.3  # of a side, corners that a network can move to the panel
+    clear: float = 0.6  # of a diagonal, centres farther away are of clutter
+    least_weight: float = 0.05  # of unlikely candidates in a draw; likely ones have 1
+    level_shares: tuple[float, ...] = (0.51, 0.31, 0.18)  # of a frame's finest levels
+    side_px: tuple[float, float] = (12.0, 200.0)  # of places without a panel
+
+
+SETTINGS = SamplingSettings()
+
+
+class Found(NamedTuple):
+    """Candidates of frames.
+
+    Args:
+        frame: (n,) numbers of frames.
+        level: (n,) of the pyramid, where the scout found them.
+        quads: (n,4,2) float64 corners, px of the frame.
+        score: (n,) logits.
+        truth: (n,4,2) the panel's true corners, zeros without one.
+    """
+
+    frame: Tensor
+    level: Tensor
+    quads: Tensor
+    score: Tensor
+    truth: Tensor
+
+    def rows(self, chosen: Tensor | slice) -> "Found":
+        """Give some of them."""
+        return Found(*(part[chosen] for part in self))
+
+    def drawn(self, count: int) -> "Found":
+        """Draw some, likely ones more often; none where there are none."""
+        if not len(self.frame):
+            return self
+        weight = self.score.sigmoid() + SETTINGS.least_weight
+        return self.rows(weight.multinomial(count, replacement=True))
+
+
+def joined(parts: Sequence[Found]) -> Found:
+    """Put candidates together."""
+    return Found(*map(torch.cat, zip(*parts, strict=True)))
 
 
 class Pictures(NamedTuple):
-    """Pictures (B,H,W), panels' corners (B,4,2) in them, zeros without one, and whether they show one (B,)."""
+    """Pictures of candidates.
+
+    Args:
+        grey: (B,H,W).
+        corners: (B,4,2) panels' corners in the candidates' cells, zeros without one.
+        panel: (B,) whether they show one.
+        shapes: (B,2) its rows and columns, zeros without one.
+    """
 
     grey: Tensor
-    quads: Tensor
+    corners: Tensor
     panel: Tensor
+    shapes: Tensor
 
 
-def pictures_of(
-    panels: Sequence[tuple[Tensor, Tensor]], others: Sequence[Tensor]
-) -> Pictures:
-    """Put pictures with panels' corners and pictures without a panel into a batch."""
-    grey = torch.cat([*(picture for picture, _ in panels), *others])
-    quads = torch.cat([corners for _, corners in panels])
-    empty = len(grey) - len(quads)
-    panel = torch.arange(len(grey), device=grey.device) < len(quads)
-    return Pictures(grey, functional.pad(quads, (0, 0, 0, 0, 0, empty)), panel)
+@dataclass(frozen=True)
+class Training:
+    """Settings of a network's training: pictures of a batch."""
+
+    rendered: int  # with a panel, about its true corners
+    near: int  # candidates of the networks before, with a panel
+    empty: int  # places without a panel
+    clutter: int  # candidates of the networks before, without a panel
 
 
 class Sampler(ABC):
-    """Draws the batches that a network is trained on.
+    """Draws the batches that a network is trained on, by torch's own generator.
 
     Args:
-        pool: what pictures are cut from.
+        pool: what pictures are read from.
         scale: of a batch, 1 for the usual size.
     """
 
+    settings: Training
+
     def __init__(self, pool: Pool, scale: int = 1) -> None:
         self.pool, self.scale = pool, scale
+        self.forms, self.shares = self.forms_and_shares()
+        self.rendered = [self.panels(form) for form in self.forms]
+        nothing = [found.rows(slice(0)) for found in self.rendered]
+        self.near, self.clutter = nothing, nothing
+
+    @abstractmethod
+    def forms_and_shares(self) -> tuple[list[Form], list[float]]:
+        """Give what the network sees, and how often."""
+
+    @abstractmethod
+    def panels(self, form: Form) -> Found:
+        """Give the pool's panels of a form, at their true corners."""
+
+    @abstractmethod
+    def moved(self, found: Found, form: Form, rough: bool) -> Tensor:
+        """Move the corners (n,4,2) of candidates: of panels as far as candidates are off, or by a little."""
 
     @abstractmethod
     def mine(self, networks: Networks, frames: Tensor) -> None:
         """Take from frames what the networks find."""
 
     @abstractmethod
-    def loss(self, net: Any, generator: torch.Generator) -> Tensor:
+    def loss(self, net: Any) -> Tensor:
         """Give the loss of a batch."""
 
-
-@dataclass(frozen=True)
-class CandidateTraining:
-    """Settings of the training of a network that sees candidates; lengths in the units of its pictures."""
-
-    shapes: tuple[tuple[int, int], ...]  # rows and columns, one of them a batch
-    shape_shares: tuple[float, ...]
-    # Pictures of a batch.
-    rendered: int  # with a rendered panel
-    counterexamples: int  # without a panel
-    mined: int  # candidates of the network before, without a panel
-    # How far candidates are off, and how often.
-    rough: tuple[float, ...]
-    rough_shares: tuple[float, ...]
-    # Standard deviations at a roughness of 1.
-    size: float  # of the logarithm
-    aspect: float  # of the logarithm
-    shift: float  # steps
-    bend: float  # of each corner, steps
-    small: float  # shift of candidates that are taken again
-    soft_px: float  # of LEDs' edges
-    blur_px: tuple[float, float]
-    mined_of_frame: int
-    mined_again: int  # of a frame, after the network has moved them
-    turn: float = 0.0
-    composed: int = 36  # with a panel that is laid into a picture
-    proposed: int = 20  # candidates of the network before, with a panel
-
-
-@dataclass(frozen=True)
-class Form:
-    """Pictures of candidates of one kind of shapes.
-
-    Args:
-        shape: of the panels.
-        cells: in whose cells the network moves corners.
-        size: height and width, px.
-        nominal: (4,2) a candidate's corners, in units.
-        margin: of a picture, units.
-        unit_px: px of a unit.
-        step: (2,) units by which candidates are shifted.
-        laid: (K,2) rows and columns of panels that are laid into pictures.
-        panels: (N,) bool, which of the pool's frames show such a panel.
-        mined: (N,) bool, which frames are mined.
-        share: pictures in the time of one of the smallest.
-    """
-
-    shape: PanelShape
-    cells: PanelShape
-    size: tuple[int, int]
-    nominal: Tensor
-    margin: float
-    unit_px: float
-    step: Tensor
-    laid: Tensor
-    panels: Tensor
-    mined: Tensor
-    share: float = 1.0
-
-    def px(self, places: Tensor) -> Tensor:
-        """Give places in px of the picture."""
-        return (places + self.margin) * self.unit_px
-
-    def turns(self, draws: Draws) -> Tensor:
-        """Draw orders of corners that leave the picture's size as it is."""
-        return turns(draws, self.size[0] == self.size[1])
-
-    def read(self, pool: Pool, frame: Tensor, quads: Tensor, places: Tensor) -> Tensor:
-        """Read pictures in which corners (B,4,2) px of frames lie at places (B,4,2)."""
-        return pictures(pool, frame, quads, self.px(places), self.size)
-
-
-class CandidateSampler(Sampler):
-    """Draws pictures of candidates, as far off as those of the network before."""
-
-    settings: CandidateTraining
-
-    def __init__(self, pool: Pool, scale: int = 1) -> None:
-        super().__init__(pool, scale)
-        shapes = enumerate(self.settings.shapes)
-        self.forms = [self.form(number, PanelShape(*shape)) for number, shape in shapes]
-        self.near: list[Found] = []
-        self.clutter: list[Found] = []
-        self.moved: list[Found] = []
-
-    @abstractmethod
-    def form(self, number: int, shape: PanelShape) -> Form:
-        """Give the pictures of one of the shapes."""
-
-    @abstractmethod
-    def candidates(self, networks: Networks, frames: Tensor) -> Found:
-        """Give what the networks before find."""
-
-    @abstractmethod
-    def looked(
-        self, networks: Networks, form: Form, grey: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Give logits (B,) and corners (B,4,2), cells, as the network sees them in pictures."""
-
-    @abstractmethod
-    def counterexamples(self, draws: Draws, form: Form) -> Tensor:
-        """Draw pictures without a panel."""
-
-    def batch(self, generator: torch.Generator) -> tuple[Form, Pictures]:
-        """Draw a batch of pictures of one form."""
+    def batch(self) -> tuple[Form, Pictures]:
+        """Draw a batch of pictures of one form, whose rows are columns in half of the batches."""
         options = self.settings
-        shares = torch.tensor(options.shape_shares, device=generator.device)
-        number = int(torch.multinomial(shares, 1, generator=generator))
+        number = int(torch.tensor(self.shares).multinomial(1))
         form = self.forms[number]
+        # Larger pictures take longer.
+        share = self.scale * self.forms[0].px / form.px
+        rendered, near, empty, clutter = (
+            max(1, round(share * count))
+            for count in (
+                options.rendered,
+                options.near,
+                options.empty,
+                options.clutter,
+            )
+        )
+        panels = self.rendered[number].drawn(rendered)
+        others = [
+            self.near[number].drawn(near),
+            self.empty_places(empty),
+            self.clutter[number].drawn(clutter),
+        ]
+        looks = (panels, True), (joined(others), False)
+        quads = torch.cat([self.moved(found, form, rough) for found, rough in looks])
+        found = joined([found for found, _ in looks])
+        if torch.rand(()) < 0.5:
+            form, order = form.transposed, torch.tensor(VIEWS)[:, list(TRANSPOSED)]
+        else:
+            order = torch.tensor(VIEWS)
+        order = order.to(quads.device)[torch.randint(len(VIEWS), (len(quads),))]
+        order = order[..., None].expand(-1, -1, 2)
+        return form, self.seen(
+            found._replace(truth=found.truth.gather(1, order)),
+            quads.gather(1, order),
+            form,
+        )
 
-        def draws(count: int) -> Draws:
-            count = round(self.scale * count * form.share)
-            return Draws(generator, max(1, count))
+    def seen(self, found: Found, quads: Tensor, form: Form) -> Pictures:
+        """Read pictures about corners (n,4,2) px of the frames of candidates."""
+        shown = self.pool.read(found.frame, quads, form)[:, None] / 255
+        grey = 255 * AUGMENTATION(shown)[:, 0].clamp(0, 1)
+        panel = found.truth.flatten(1).any(1)
+        corners = cells_at(found.truth, quads, form.cells).float()
+        corners = corners * panel[:, None, None]
+        return Pictures(grey, corners, panel, self.pool.shapes[found.frame])
 
-        panels = [self.composed(draws(options.composed), form)]
-        frames = (form.panels & self.pool.readable).nonzero()[:, 0]
-        if len(frames):
-            panels.append(self.rendered(draws(options.rendered), form, frames))
-        if self.near and len(self.near[number].frame):
-            near = self.near[number]
-            panels.append(self.taken(draws(options.proposed), form, near))
-        others = [self.counterexamples(draws(options.counterexamples), form)]
-        if self.clutter and len(self.clutter[number].frame):
-            clutter = self.clutter[number]
-            others.append(self.taken(draws(options.mined), form, clutter)[0])
-        return form, pictures_of(panels, others)
+    def empty_places(self, count: int) -> Found:
+        """Draw upright squares anywhere in frames without a panel."""
+        options, device = SETTINGS, self.pool.device
+        frames = self.pool.empty.nonzero()[:, 0]
+        frame = frames[torch.randint(len(frames), (count,), device=device)]
+        shares = torch.tensor(options.level_shares, device=device)
+        level = shares.multinomial(count, replacement=True)
+        low, high = options.side_px
+        side = low * (high / low) ** torch.rand(count, 1, 1, device=device).double()
+        centre = torch.rand(count, 1, 2, device=device).double()
+        centre = centre * centre.new_tensor(self.pool.sizes[0]).flip(0)
+        quads = centre + side * (corner_cells(UNIT).to(side) - 0.5)
+        score = torch.zeros_like(frame, dtype=torch.float32)
+        return Found(frame, level, quads, score, torch.zeros_like(quads))
 
-    def off(self, draws: Draws, form: Form) -> Tensor:
-        """Draw where panels' corners (B,4,2) lie in pictures of candidates that are off."""
-        options = self.settings
-        rough = draws.chosen(options.rough, options.rough_shares)[:, None, None]
-        size = options.size * draws.normal(1, 1) + options.aspect * draws.normal(1, 2)
-        middle = form.nominal.mean(0)
-        quads = (form.nominal - middle) * (rough * size).exp()
-        turn = rough[:, 0] * self.turn(draws)
-        (x, y), sine, cosine = quads.unbind(2), turn.sin(), turn.cos()
-        quads = torch.stack([x * cosine - y * sine, x * sine + y * cosine], 2)
-        moved = options.shift * draws.normal(1, 2) + options.bend * draws.normal(4, 2)
-        return middle + quads + rough * moved * form.step
 
-    def turn(self, draws: Draws) -> Tensor:
-        """Draw angles (B,1) at a roughness of 1."""
-        return self.settings.turn * draws.normal(1)
+def panels_of(pool: Pool, frame: Tensor, level: Tensor) -> Found:
+    """Give the panels of frames (n,) at their true corners, as seen in levels (n,)."""
+    corners = pool.corners_px[frame]
+    score = torch.zeros_like(frame, dtype=torch.float32)
+    return Found(frame, level, corners, score, corners)
 
-    def behind(self, draws: Draws, form: Form) -> Tensor:
-        """Cut pictures without a panel."""
-        high, wide = form.size
-        crops = empty_crops(self.pool, draws, max(high, wide))
-        return crops[:, :high, :wide].contiguous()
 
-    def laid(
-        self, draws: Draws, form: Form, places: Tensor, likeness: Likeness | None = None
-    ) -> Tensor:
-        """Lay panels, or lattices that are none, into pictures with their corners at places."""
-        shapes = form.laid[draws.below(len(form.laid))]
-        behind, soft_px = self.behind(draws, form), self.settings.soft_px
-        shown = with_panels(behind, form.px(places), shapes, draws, soft_px, likeness)
-        return finished(shown, draws, self.settings.blur_px)
+def proposals(net: Scout, pool: Pool, frames: Tensor) -> Found:
+    """Take the scout's candidates of frames; where there is no panel, of any shape."""
+    parts = [panels_of(pool, frames[:0], frames[:0])]
+    for frame in frames.tolist():
+        shape = PanelShape(*SHAPES[frame % len(SHAPES)])
+        if pool.shapes[frame, 0]:
+            shape = PanelShape(*pool.shapes[frame].tolist())
+        quads, score, level = propose(net, pool.pyramid(frame), shape)
+        number = torch.full_like(level, frame)
+        parts.append(Found(number, level, quads, score, torch.zeros_like(quads)))
+    return joined(parts)
 
-    def composed(self, draws: Draws, form: Form) -> tuple[Tensor, Tensor]:
-        """Lay panels into pictures."""
-        places = self.off(draws, form)
-        return self.laid(draws, form, places), places
 
-    def rendered(
-        self, draws: Draws, form: Form, panels: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Read rendered panels so that their corners lie where they are asked for."""
-        frame = panels[draws.below(len(panels))]
-        corners = ordered(self.pool.corners_px[frame].float())
-        corners = rearranged(corners, form.turns(draws))
-        places = self.off(draws, form)
-        return finished(form.read(self.pool, frame, corners, places), draws), places
+def with_truth(pool: Pool, found: Found) -> tuple[Found, Found]:
+    """Split candidates into panels and clutter; candidates in between are left out."""
+    truth = ordered(pool.corners_px[found.frame])
+    off = cells_at(truth, found.quads, UNIT) - corner_cells(UNIT).to(truth)
+    readable = pool.readable[found.frame]
+    near = readable & (off.abs().amax((1, 2)) < SETTINGS.near)
+    apart = (found.quads.mean(1) - truth.mean(1)).norm(dim=1)
+    sizes = [(quads[:, 0] - quads[:, 2]).norm(dim=1) for quads in (truth, found.quads)]
+    far = readable & (apart > SETTINGS.clear * torch.maximum(*sizes))
+    panels = found._replace(truth=truth).rows(near)
+    return panels, found.rows(far | pool.empty[found.frame])
 
-    def taken(self, draws: Draws, form: Form, found: Found) -> tuple[Tensor, Tensor]:
-        """Read candidates, moved a little, and give the panels' corners."""
-        some = found.rows(draws.below(len(found.frame)))
-        places = form.nominal + self.settings.small * draws.normal(1, 2)
-        # The corners of the candidate and of the panel begin alike.
-        order = form.turns(draws)
-        corners, truth = (rearranged(quad, order) for quad in (some.quads, some.truth))
-        seen = form.read(self.pool, some.frame, corners, places)
-        truth = mapped(homography(corners, places), truth.mT).mT
-        return finished(seen, draws), truth
 
-    def mine(self, networks: Networks, frames: Tensor) -> None:
-        """Take the candidates of each form, also after the network has moved them once and twice."""
-        found = self.candidates(networks, frames)
-        found = best_of_frames(found, self.settings.mined_of_frame)
-        self.near, self.clutter, self.moved = [], [], []
-        for form in self.forms:
-            looks = [found.rows(form.mined[found.frame])]
-            for _ in range(2):
-                looks.append(self.look(networks, form, looks[-1]))
-            parts = [with_truth(self.pool, look) for look in looks]
-            self.near.append(joined([near for near, _ in parts]))
-            self.clutter.append(joined([clutter for _, clutter in parts]))
-            self.moved.append(looks[-1])
+def cells_at(points: Tensor, quads: Tensor, shape: PanelShape) -> Tensor:
+    """Give the cells (n,P,2) of candidates (n,4,2) px at points (n,P,2) px; no numbers of use for no quadrilateral.
 
-    def look(self, networks: Networks, form: Form, found: Found) -> Found:
-        """Let the network score candidates and move their corners."""
-        parts = [found.rows(slice(0))]
-        for some in found.parts():
-            places = form.nominal.expand_as(some.quads)
-            grey = form.read(self.pool, some.frame, some.quads, places)
-            logit, cells = self.looked(networks, form, grey)
-            quads = map_points(some.quads, cells.double(), form.cells).float()
-            parts.append(some._replace(quads=quads, score=logit))
-        return best_of_frames(joined(parts), self.settings.mined_again)
+    Example:
+        >>> quads = torch.tensor([[[2.0, 3.0], [10.0, 3.0], [10.0, 11.0], [2.0, 11.0]]]).double()
+        >>> cells_at(quads, quads, PanelShape(4, 8))[0].round(decimals=6).tolist()
+        [[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [0.0, 4.0]]
+    """
+    inverse, _ = torch.linalg.inv_ex(cell_homography(quads, shape))
+    return map_cells(inverse.nan_to_num(), points)
+
+
+def ordered(quads: Tensor) -> Tensor:
+    """Begin corners (n,4,2) at the top left, clockwise."""
+    (x, y), (right, below) = quads.unbind(2), quads.roll(-1, 1).unbind(2)
+    back = (x * below - y * right).sum(1)[:, None, None] < 0
+    quads = torch.where(back, quads.flip(1), quads)
+    first = quads.sum(2).argmin(1)[:, None] + torch.arange(4, device=quads.device)
+    return quads.gather(1, (first % 4)[..., None].expand(-1, -1, 2))

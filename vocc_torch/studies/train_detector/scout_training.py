@@ -9,162 +9,104 @@ from torch.nn import functional
 
 from vocc_torch.receiver.detector import scout
 from vocc_torch.receiver.detector.weights import Networks
-from vocc_torch.studies.train_detector.candidates import Found, proposals
-from vocc_torch.studies.train_detector.composition import (
-    poses,
-    shapes_of,
-    with_panels,
+from vocc_torch.receiver.resample import (
+    cell_homography,
+    corner_cells,
+    grid_places,
+    sample_cells,
 )
-from vocc_torch.studies.train_detector.crops import crops, empty_crops, views
-from vocc_torch.studies.train_detector.draws import Draws
-from vocc_torch.studies.train_detector.finish import finished
-from vocc_torch.studies.train_detector.geometry import (
-    homography,
-    mapped,
+from vocc_torch.studies.train_detector.pool import Form
+from vocc_torch.studies.train_detector.sampling import (
+    UNIT,
+    Found,
+    Pictures,
+    Sampler,
+    Training,
     ordered,
-    pixels,
-    unit,
+    panels_of,
+    proposals,
 )
-from vocc_torch.studies.train_detector.pool import Pool
-from vocc_torch.studies.train_detector.sampling import Pictures, Sampler, pictures_of
 
 
 @dataclass(frozen=True)
-class ScoutTraining:
+class ScoutTraining(Training):
     """Settings of the training."""
 
+    rendered: int = 38
+    near: int = 0
+    empty: int = 10
+    clutter: int = 24
     crop_px: int = 128
-    # Crops of a batch of 72.
-    composed: int = 20  # with a panel that is laid into a picture
-    rendered: int = 18  # with a rendered panel
-    counterexamples: int = 10  # without a panel
-    mined: int = 24  # that the scout took for panels
     least_pitch_px: float = 1.8  # of LEDs that the scout is to find
     most_pitch_px: float = 4.6  # the next level shows larger ones
-    most_side_px: float = 110.0  # of a panel in a crop
-    blur_px: tuple[float, float] = (0.3, 1.1)
-    soft_px: float = 0.45  # of LEDs' edges
-    off_px: float = 45.0  # of a rendered panel from a crop's middle, at most
-    laid_off_px: float = 33.75  # of a panel that is laid into it
+    off_px: float = 45.0  # of a panel from a crop's middle, at most
+    scaled: float = 0.4  # share of crops at another scale than a level's
+    scale: tuple[float, float] = (0.75, 1.4)
     near_px: float = 6.0  # outputs so near the centre are to find the panel
     spare_share: float = 0.45  # of a side, within which others may
     corner_weight: float = 12.0
     small_px: float = 30.0  # diagonal of panels whose corners' errors count fully
     corner_beta: float = 0.05
     mined_score: float = -4.0
-    small_share: float = 0.35  # of rendered panels
     alike: float = 1.2  # ratio to a limit of sizes, within which panels may be of both
     other_weight: float = 0.5  # of scores for other sizes where a panel is
-    framed: float = 0.15  # share of crops in which the frame ends
-    # Distance of a frame's end from a panel, in sides of the panel.
-    framed_off: tuple[float, float] = (-0.02, 0.6)
 
 
 SETTINGS = ScoutTraining()
 
 
 class ScoutSampler(Sampler):
-    """Draws crops."""
+    """Draws crops of levels."""
 
     settings = SETTINGS
 
-    def __init__(self, pool: Pool, scale: int = 1) -> None:
-        super().__init__(pool, scale)
+    def forms_and_shares(self) -> tuple[list[Form], list[float]]:
+        """Give the crop."""
+        return [Form(UNIT, UNIT, (SETTINGS.crop_px,) * 2)], [1.0]
+
+    def panels(self, form: Form) -> Found:
+        """Give the readable panels on each level on which the scout is to find them."""
+        options, pool = SETTINGS, self.pool
         levels = torch.arange(len(pool.sizes), device=pool.device)
         pitch = pool.pitch_px[:, None] / 2.0**levels
-        seen = (pitch >= SETTINGS.least_pitch_px) & (pitch <= SETTINGS.most_pitch_px)
-        self.panels = (seen & pool.readable[:, None]).nonzero()
-        # A share of small panels, and of the others.
-        small = pool.shapes[self.panels[:, 0]].prod(1) < scout.SIZES[0] ** 2
-        share = SETTINGS.small_share
-        counts = small.sum(), (~small).sum()
-        self.share = torch.where(small, share / counts[0], (1 - share) / counts[1])
-        self.mined: Found | None = None
+        seen = (pitch >= options.least_pitch_px) & (pitch <= options.most_pitch_px)
+        return panels_of(pool, *(seen & pool.readable[:, None]).nonzero().unbind(1))
 
-    def batch(self, generator: torch.Generator) -> tuple[Tensor, Pictures]:
-        """Draw a batch of crops, and give rows and columns (B,2) of the panels, 0 without one."""
-        options = self.settings
+    def moved(self, found: Found, form: Form, rough: bool) -> Tensor:
+        """Lay crops about candidates (n,4,2) px, at whole pixels of their levels; some at another scale."""
+        options, count = SETTINGS, (len(found.frame), 1, 1)
+        draw = torch.rand(2, *count, device=self.pool.device).double()
+        low, high = options.scale
+        scale = torch.where(
+            draw[0] < options.scaled, low * (high / low) ** draw[1], 1.0
+        )
+        size = 2.0 ** found.level[:, None, None]
+        off = 2 * torch.rand(len(found.frame), 1, 2, device=size.device) - 1
+        centre = found.quads.mean(1, keepdim=True) + off * options.off_px * size
+        centre = (centre / size).round() * size
+        corners = corner_cells(UNIT).to(centre) - 0.5
+        return centre + options.crop_px * size * scale * corners
 
-        def draws(count: int) -> Draws:
-            return Draws(generator, self.scale * count)
-
-        composed, laid = self.composed(draws(options.composed))
-        rendered, shown = self.rendered(draws(options.rendered))
-        empty = draws(options.counterexamples)
-        behind = empty_crops(self.pool, empty, options.crop_px)
-        others = [finished(behind, empty, edges=False)]
-        if self.mined is not None and len(self.mined.frame):
-            drawn = draws(options.mined)
-            some = self.mined.rows(drawn.below(len(self.mined.frame)))
-            others.append(self.cut(drawn, some.frame, some.level, some.quads)[0])
-        batch = pictures_of([composed, rendered], others)
-        shapes = torch.zeros(len(batch.grey), 2, device=empty.device)
-        shapes[batch.panel] = torch.cat([laid, shown])
-        return shapes, batch._replace(grey=framed(batch, generator))
-
-    def composed(self, draws: Draws) -> tuple[tuple[Tensor, Tensor], Tensor]:
-        """Lay panels into pictures; give these, the corners and the shapes."""
-        options, shapes = SETTINGS, shapes_of(draws)
-        side = options.crop_px
-        pitch = draws.geometric(options.least_pitch_px, options.most_pitch_px)
-        pitch = torch.minimum(pitch, options.most_side_px / shapes.amax(1))
-        middle = draws.uniform(-1, 1, 2) * options.laid_off_px + side / 2
-        quads = poses(draws, shapes, pitch, middle)
-        behind = empty_crops(self.pool, draws, side)
-        shown = with_panels(behind, quads, shapes, draws, options.soft_px)
-        shown = finished(shown, draws, options.blur_px, edges=False)
-        return (shown, ordered(quads)), shapes
-
-    def rendered(self, draws: Draws) -> tuple[tuple[Tensor, Tensor], Tensor]:
-        """Cut crops with rendered panels; give these, the corners and the shapes."""
-        frame, level = self.panels[draws.numbers(self.share)].unbind(1)
-        corners = self.pool.corners_px[frame].float()
-        grey, quads = self.cut(draws, frame, level, corners)
-        matrix = homography(quads, SETTINGS.crop_px * unit(quads))
-        seen = ordered(mapped(matrix, corners.mT).mT)
-        return (grey, seen), self.pool.shapes[frame].float()
-
-    def cut(
-        self, draws: Draws, frame: Tensor, level: Tensor, quads: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Cut crops about quadrilaterals (B,4,2) px of frames, and give their corners there."""
-        off = draws.uniform(-SETTINGS.off_px, SETTINGS.off_px, 2)
-        at = quads.mean(1) + off * 2.0 ** level[:, None]
-        corners = views(draws, level, at, SETTINGS.crop_px)
-        grey = crops(self.pool, frame, corners, SETTINGS.crop_px)
-        return finished(grey, draws, edges=False), corners
+    def seen(self, found: Found, quads: Tensor, form: Form) -> Pictures:
+        """Read crops; what lies beyond a frame has a mean grey value, as in the scout's pictures of levels."""
+        crops = super().seen(found, quads, form)
+        across = sample_cells(1, SETTINGS.crop_px, 0).to(quads)
+        at = grid_places(cell_homography(quads, UNIT), across, across)
+        most = at.new_tensor(self.pool.sizes[0]).flip(0)[:, None, None]
+        inside = ((at > 0) & (at < most)).all(1)
+        mean = crops.grey.mean((1, 2), keepdim=True)
+        return crops._replace(grey=torch.where(inside, crops.grey, mean))
 
     def mine(self, networks: Networks, frames: Tensor) -> None:
         """Find places in frames without a panel that the scout takes for one."""
-        empty = frames[self.pool.shapes[frames, 0] == 0]
+        empty = frames[self.pool.empty[frames]]
         found = proposals(networks.scout, self.pool, empty)
-        self.mined = found.rows(found.score > SETTINGS.mined_score)
+        self.clutter = [found.rows(found.score > SETTINGS.mined_score)]
 
-    def loss(self, net: scout.Scout, generator: torch.Generator) -> Tensor:
+    def loss(self, net: scout.Scout) -> Tensor:
         """Give the loss of a batch."""
-        shapes, batch = self.batch(generator)
-        return scout_loss(net(batch.grey[:, None]), shapes, batch)
-
-
-def framed(batch: Pictures, generator: torch.Generator) -> Tensor:
-    """Let the frame end in some crops, beside a panel or where one of another crop is.
-
-    As in the scout's pictures of whole levels, what lies beyond has a mean grey value.
-    """
-    options, draws = SETTINGS, Draws(generator, len(batch.grey))
-    others = draws.below(int(batch.panel.sum()))
-    quads = torch.where(batch.panel[:, None, None], batch.quads, batch.quads[others])
-    low, high = quads.amin(1), quads.amax(1)
-    off, ends = draws.uniform(*options.framed_off, 4), draws.uniform(0, 1, 4) < 0.5
-    off = torch.where(ends, off, torch.inf) * (high - low).amax(1, keepdim=True)
-    low, high = low - off[:, :2], high + off[:, 2:]
-    at = torch.arange(options.crop_px, device=draws.device)[:, None] + 0.5
-    inside = (at > low[:, None]) & (at < high[:, None])
-    across, down = inside.unbind(2)
-    shown = (down[:, :, None] & across[:, None]) | ~draws.coin(options.framed)[
-        ..., None
-    ]
-    return torch.where(shown, batch.grey, batch.grey.mean((1, 2), keepdim=True))
+        _, batch = self.batch()
+        return scout_loss(net(batch.grey[:, None]), batch)
 
 
 def sizes_of(shapes: Tensor) -> tuple[Tensor, Tensor]:
@@ -177,40 +119,40 @@ def sizes_of(shapes: Tensor) -> tuple[Tensor, Tensor]:
     return own[..., None, None], others[..., None, None]
 
 
-def scout_loss(outputs: Tensor, shapes: Tensor, batch: Pictures) -> Tensor:
+def scout_loss(outputs: Tensor, batch: Pictures) -> Tensor:
     """Give the focal loss of scores and the distance of corners where a panel is."""
+    options, stride = SETTINGS, scout.SETTINGS.stride_px
     high, wide = outputs.shape[2:]
-    stride, device = scout.SETTINGS.stride_px, outputs.device
-    places = pixels(high, wide, device)[0].mT.view(high, wide, 2)
-    centre = batch.quads.mean(1)[:, None, None]
-    apart = (places * stride - centre).norm(dim=3)
-    size = (batch.quads[:, 0] - batch.quads[:, 2]).norm(dim=1)[:, None, None]
+    quads = ordered(batch.corners) * options.crop_px
+    y, x = torch.meshgrid(*(torch.arange(side) for side in (high, wide)), indexing="ij")
+    places = ((torch.stack([x, y], 2) + 0.5) * stride).to(outputs)
+    centre = quads.mean(1)[:, None, None]
+    apart = (places - centre).norm(dim=3)
+    size = (quads[:, 0] - quads[:, 2]).norm(dim=1)[:, None, None]
     panel = batch.panel[:, None, None]
-    spare = (apart < SETTINGS.spare_share * size) & panel
-    nearest = apart <= apart.flatten(1).amin(1)[:, None, None].clamp(min=1e-3)
+    spare = (apart < options.spare_share * size) & panel
+    nearest = apart <= apart.amin((1, 2), keepdim=True)
     inside = ((centre > 0) & (centre < high * stride)).all(3)
-    near = (apart < SETTINGS.near_px) | (nearest & (apart < stride))
+    near = (apart < options.near_px) | (nearest & (apart < stride))
     there = panel & inside & near
-    own, others = sizes_of(shapes)
+    own, others = sizes_of(batch.shapes.float())
     logit = outputs[:, : scout.SCORES]
     chance = logit.sigmoid()
     missed = (1 - chance).square() * functional.logsigmoid(logit)
     false = chance.square() * functional.logsigmoid(-logit)
     covered, middle = (spare | there)[:, None], there[:, None]
-    weight = torch.where(covered, SETTINGS.other_weight * others, 1.0)
+    weight = torch.where(covered, options.other_weight * others, 1.0)
     cost = torch.where(middle & own, missed, weight * false)
-    # Corners (B,4,2,h,w). Of small panels a pixel is more of a cell.
-    moves = (
-        outputs[:, scout.SCORES :].reshape(-1, 4, 2, high, wide)
-        * scout.SETTINGS.unit_px
+    picture, row, column = there.nonzero().unbind(1)
+    found = scout.quads_of(
+        outputs[picture, :, row, column], torch.stack([column, row], 1)
     )
-    quads = moves + places.permute(2, 0, 1) * stride
-    unit = scout.SETTINGS.unit_px * (size / SETTINGS.small_px).clamp(min=0.1)
-    off = (quads - batch.quads[..., None, None]) / unit[:, None, None]
-    far = functional.smooth_l1_loss(
-        off, torch.zeros_like(off), beta=SETTINGS.corner_beta, reduction="none"
+    # Of small panels a pixel is more of a cell.
+    unit = (size / options.small_px).clamp(min=0.1)[picture] * scout.SETTINGS.unit_px
+    off = (found - quads[picture]) / unit
+    corners = functional.smooth_l1_loss(
+        off, torch.zeros_like(off), beta=options.corner_beta, reduction="sum"
     )
-    many = there.sum().clamp(1)
-    corners = (far.mean((1, 2)) * there).sum() / many
-    loss: Tensor = SETTINGS.corner_weight * corners - cost.sum() / many
-    return loss
+    loss = options.corner_weight * corners / 8 - cost.sum()
+    mean: Tensor = loss / there.sum().clamp(min=1)
+    return mean

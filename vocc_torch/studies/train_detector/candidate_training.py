@@ -1,0 +1,135 @@
+"""Training of the networks that see candidates: as far off as those of the networks before."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from vocc_torch.receiver.detector.weights import Networks
+from vocc_torch.receiver.resample import corner_cells, map_points
+from vocc_torch.studies.train_detector.pool import Form
+from vocc_torch.studies.train_detector.sampling import (
+    Found,
+    Sampler,
+    Training,
+    joined,
+    panels_of,
+    with_truth,
+)
+from vocc_torch.types import PanelShape
+
+BATCH = 128
+"""Candidates that are looked at together."""
+
+
+@dataclass(frozen=True)
+class CandidateTraining(Training):
+    """Settings of the training; lengths in the candidates' cells."""
+
+    shapes: tuple[tuple[int, int], ...]  # rows and columns, one of them a batch
+    shape_shares: tuple[float, ...]
+    rough: tuple[
+        float, ...
+    ]  # how far candidates are off, one of them with equal chance
+    # Standard deviations at a roughness of 1.
+    size: float  # of the logarithm
+    aspect: float  # of the logarithm
+    turn: float  # radians
+    shift: float
+    bend: float  # of each corner
+    small: float  # shift of candidates that are taken again
+
+
+class CandidateSampler(Sampler):
+    """Draws pictures of candidates."""
+
+    settings: CandidateTraining
+
+    @abstractmethod
+    def form(self, shape: PanelShape) -> Form:
+        """Give what the network sees of panels of a shape."""
+
+    @abstractmethod
+    def shows(self, form: Form) -> Tensor:
+        """Say which frames (N,) show a panel of a form."""
+
+    @abstractmethod
+    def candidates(self, networks: Networks, frames: Tensor) -> Found:
+        """Give what the networks before find."""
+
+    @abstractmethod
+    def looked(
+        self, networks: Networks, form: Form, grey: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Give logits (B,) and corners (B,4,2), cells, as the network sees them in pictures."""
+
+    def forms_and_shares(self) -> tuple[list[Form], list[float]]:
+        """Give a form for each of the shapes."""
+        shapes = [PanelShape(*sides) for sides in self.settings.shapes]
+        return [self.form(shape) for shape in shapes], [*self.settings.shape_shares]
+
+    def panels(self, form: Form) -> Found:
+        """Give the readable panels of a form."""
+        frame = (self.shows(form) & self.pool.readable).nonzero()[:, 0]
+        return panels_of(self.pool, frame, torch.zeros_like(frame))
+
+    def moved(self, found: Found, form: Form, rough: bool) -> Tensor:
+        """Move corners (n,4,2) px in the candidates' cells."""
+        count = len(found.frame)
+        off = self.off(count, form) if rough else self.slight(count)
+        return map_points(
+            found.quads, corner_cells(form.cells).to(off) + off, form.cells
+        )
+
+    def slight(self, count: int) -> Tensor:
+        """Draw small moves (n,1,2), cells."""
+        return self.settings.small * self.normal(count, 1, 2)
+
+    def normal(self, *size: int) -> Tensor:
+        """Draw standard normal numbers, float64."""
+        return torch.randn(size, device=self.pool.device).double()
+
+    def off(self, count: int, form: Form) -> Tensor:
+        """Draw moves (n,4,2) of corners, cells."""
+        options = self.settings
+        rough = torch.tensor(options.rough, device=self.pool.device).double()
+        rough = rough[torch.randint(len(rough), (count, 1, 1))]
+        corners = corner_cells(form.cells).to(rough)
+        away = corners - corners.mean(0)
+        size = options.size * self.normal(count, 1, 1)
+        size = size + options.aspect * self.normal(count, 1, 2)
+        x, y = (away * (rough * size).exp()).unbind(2)
+        turn = (options.turn * rough * self.normal(count, 1, 1))[:, 0]
+        sine, cosine = turn.sin(), turn.cos()
+        turned = torch.stack([x * cosine - y * sine, x * sine + y * cosine], 2)
+        shift = options.shift * self.normal(count, 1, 2)
+        shift = shift + options.bend * self.normal(count, 4, 2)
+        return turned - away + rough * shift
+
+    def mine(self, networks: Networks, frames: Tensor) -> None:
+        """Take the candidates of each form, also after the network has moved them once and twice."""
+        found = self.candidates(networks, frames)
+        numbers = torch.arange(len(self.pool.empty), device=self.pool.device)
+        self.near, self.clutter, self.last = [], [], list[Found]()
+        for place, form in enumerate(self.forms):
+            # Frames without a panel are shared out.
+            shared = self.pool.empty & (numbers % len(self.forms) == place)
+            looks = [found.rows((self.shows(form) | shared)[found.frame])]
+            for _ in range(2):
+                looks.append(self.look(networks, form, looks[-1]))
+            near, clutter = with_truth(self.pool, joined(looks))
+            self.near.append(near)
+            self.clutter.append(clutter)
+            self.last.append(looks[-1])
+
+    def look(self, networks: Networks, form: Form, found: Found) -> Found:
+        """Let the network score candidates and move their corners."""
+        parts = [found.rows(slice(0))]
+        for start in range(0, len(found.frame), BATCH):
+            some = found.rows(slice(start, start + BATCH))
+            grey = self.pool.read(some.frame, some.quads, form)
+            logit, cells = self.looked(networks, form, grey)
+            quads = map_points(some.quads, cells.double(), form.cells)
+            parts.append(some._replace(quads=quads, score=logit))
+        return joined(parts)
