@@ -287,7 +287,7 @@ def test_training_is_the_same_where_it_was_interrupted(
         patch.setattr(ProgressView, "advance", interrupt)
         with pytest.raises(KeyboardInterrupt):
             train("2")
-    assert torch.load(tmp_path / "2" / f"{part}.pt")["done"] == 1
+    assert torch.load(tmp_path / "2" / f"{part}.pt")["steps"] == 1
     train("2")
 
     first, second = (torch.load(tmp_path / name / f"{part}.pt") for name in ("1", "2"))
@@ -302,7 +302,9 @@ def test_training_is_the_same_where_it_was_interrupted(
 @pytest.mark.parametrize("damage", ["earlier", "cut", "text"])
 def test_another_training_is_refused_by_its_file(damage, tmp_path):
     path = tmp_path / "scout.pt"
-    torch.save({"net": Scout().state_dict(), "done": 3}, path)
+    state = Scout().state_dict()
+    earlier = {"net": state, "mean": state, "optimiser": {}, "done": 3}
+    torch.save(earlier, path)
     if damage == "cut":
         path.write_bytes(path.read_bytes()[:700])
     if damage == "text":

@@ -26,7 +26,7 @@ from vocc_torch.studies.train_detector.sampling import Sampler
 from vocc_torch.studies.train_detector.scout_training import ScoutSampler
 from vocc_torch.types import resolve_device
 
-POOL, CHECKPOINTS = "pool", "checkpoints"
+POOL, CHECKPOINTS = "frames", "checkpoints"
 """Folders of a run: rendered frames, and trainings that were interrupted."""
 
 
@@ -92,7 +92,7 @@ def read_state(path: Path, device: torch.device) -> dict[str, Any]:
     state: object = None
     with suppress(EOFError, RuntimeError, UnpicklingError):
         state = torch.load(path, weights_only=True, map_location=device)
-    if not isinstance(state, dict) or {*state} != {"net", "mean", "optimiser", "done"}:
+    if not isinstance(state, dict) or {*state} != {"net", "mean", "optimiser", "steps"}:
         rule = "is no training of this version: remove it, or choose another name="
         raise VoccError(f"{path} {rule}")
     return state
@@ -130,7 +130,7 @@ def train_part(
         net.load_state_dict(state["net"])
         mean.load_state_dict(state["mean"])
         optimiser.load_state_dict(state["optimiser"])
-        done = int(state["done"])
+        done = int(state["steps"])
     sampler = SAMPLERS[part](pool, scale)
     usable = (pool.readable | pool.empty).nonzero()[:, 0]
     left, words = max(steps - done, 0), f"training the {part}"
@@ -154,7 +154,7 @@ def train_part(
                 "net": net.state_dict(),
                 "mean": mean.state_dict(),
                 "optimiser": optimiser.state_dict(),
-                "done": taken.stop,
+                "steps": taken.stop,
             }
             with atomic_file(path) as temporary:
                 torch.save(state, temporary)
