@@ -126,21 +126,12 @@ class Peaks(NamedTuple):
 
 def peaks(score: Tensor, outputs: Tensor, most: int) -> Peaks:
     """Take the best local maxima of a score (B,h,w), with the corners of outputs (B,11,h,w)."""
-    flat = summits(score).flatten()
-    values, order = flat.topk(min(most, len(flat)))
-    return peaks_at(outputs, order[values > -torch.inf], flat)
-
-
-def summits(score: Tensor) -> Tensor:
-    """Keep the local maxima of a score (B,h,w); elsewhere it is minus infinity."""
     best = functional.max_pool2d(
         score[:, None], SETTINGS.peak_cells, 1, SETTINGS.peak_cells // 2
     )[:, 0]
-    return score.masked_fill(score < best, -torch.inf)
-
-
-def peaks_at(outputs: Tensor, order: Tensor, flat: Tensor) -> Peaks:
-    """Give the peaks with numbers (n,) in the flattened score (B*h*w,)."""
+    flat = score.masked_fill(score < best, -torch.inf).flatten()
+    values, order = flat.topk(min(most, len(flat)))
+    order = order[values > -torch.inf]
     high, wide = outputs.shape[2:]
     picture, row, column = order // (high * wide), order // wide % high, order % wide
     place = torch.stack([column, row], 1)

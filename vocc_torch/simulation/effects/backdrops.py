@@ -236,7 +236,7 @@ class Leaves(street.Sketched):
             parts = self.leaf(random, plain, bool(radii[leaf] < 6 * low)).parts
             layer.lay(
                 parts,
-                functools.partial(_moved, axes, middles[leaf]),
+                functools.partial(moved, axes, middles[leaf]),
                 seed=int(seeds[leaf]),
             )
 
@@ -298,7 +298,7 @@ class Leaves(street.Sketched):
         return drawing
 
 
-def _moved(axes: Floats, middle: Floats, points: Floats) -> Floats:
+def moved(axes: Floats, middle: Floats, points: Floats) -> Floats:
     """Turn, scale and move points (M,2)."""
     return points @ axes + middle
 

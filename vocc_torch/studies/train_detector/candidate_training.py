@@ -17,7 +17,6 @@ from vocc_torch.studies.train_detector.sampling import (
     panels_of,
     with_truth,
 )
-from vocc_torch.types import PanelShape
 
 BATCH = 128
 """Candidates that are looked at together."""
@@ -27,8 +26,6 @@ BATCH = 128
 class CandidateTraining(Training):
     """Settings of the training; lengths in the candidates' cells."""
 
-    shapes: tuple[tuple[int, int], ...]  # rows and columns, one of them a batch
-    shape_shares: tuple[float, ...]
     rough: tuple[
         float, ...
     ]  # how far candidates are off, one of them with equal chance
@@ -47,10 +44,6 @@ class CandidateSampler(Sampler):
     settings: CandidateTraining
 
     @abstractmethod
-    def form(self, shape: PanelShape) -> Form:
-        """Give what the network sees of panels of a shape."""
-
-    @abstractmethod
     def shows(self, form: Form) -> Tensor:
         """Say which frames (N,) show a panel of a form."""
 
@@ -63,11 +56,6 @@ class CandidateSampler(Sampler):
         self, networks: Networks, form: Form, grey: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Give logits (B,) and corners (B,4,2), cells, as the network sees them in pictures."""
-
-    def forms_and_shares(self) -> tuple[list[Form], list[float]]:
-        """Give a form for each of the shapes."""
-        shapes = [PanelShape(*sides) for sides in self.settings.shapes]
-        return [self.form(shape) for shape in shapes], [*self.settings.shape_shares]
 
     def panels(self, form: Form) -> Found:
         """Give the readable panels of a form."""

@@ -1,5 +1,6 @@
 """What stands behind panels in ``clutter.yaml``: photographs, and lattices that are no panels."""
 
+import functools
 import math
 from importlib import resources
 from pathlib import Path
@@ -8,9 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.random import Generator
 
-from vocc_torch.arrays import Floats
+from vocc_torch.errors import library
 from vocc_torch.simulation import roadside
 from vocc_torch.simulation.effects import street, within
+from vocc_torch.simulation.effects.backdrops import moved
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import Sketch
 
@@ -44,11 +46,17 @@ SIDES = (4, 5, 6, 8, 8, 12, 16)
 
 
 def copy_photographs(folder: Path) -> None:
-    """Copy the training photographs into a folder."""
+    """Copy the training photographs into a folder.
+
+    Raises:
+        VoccError: the packages that they ship with are not installed.
+    """
+    need = "task=train_detector shows photographs of scikit-image and scikit-learn"
     folder.mkdir(parents=True, exist_ok=True)
     for name in PHOTOGRAPHS:
         package, _, file = name.partition("/")
-        (folder / file).write_bytes((resources.files(package) / file).read_bytes())
+        source = resources.files(library(package, "test", need)) / file
+        (folder / file).write_bytes(source.read_bytes())
 
 
 class Lattices(street.Sketched):
@@ -80,12 +88,7 @@ class Lattices(street.Sketched):
             turn, lean = generator.normal(0, 0.3, 2)
             pitch_px = roadside.spread(generator, 1.8, 16)
             axes = np.array([[1, turn], [-turn, 1 + lean]]) * pitch_px
-
-            def place(
-                points: Floats, axes: Floats = axes, middle: Floats = middle
-            ) -> Floats:
-                return points @ axes + middle
-
+            place = functools.partial(moved, axes, middle)
             layer.lay(lattice(generator, light).parts, place)
 
 

@@ -102,8 +102,11 @@ class Pictures(NamedTuple):
 
 @dataclass(frozen=True)
 class Training:
-    """Settings of a network's training: pictures of a batch."""
+    """Settings of a network's training."""
 
+    shapes: tuple[tuple[int, int], ...]  # rows and columns, one of them a batch
+    shape_shares: tuple[float, ...]
+    # Pictures of a batch.
     rendered: int  # with a panel, about its true corners
     near: int  # candidates of the networks before, with a panel
     empty: int  # places without a panel
@@ -122,14 +125,15 @@ class Sampler(ABC):
 
     def __init__(self, pool: Pool, scale: int = 1) -> None:
         self.pool, self.scale = pool, scale
-        self.forms, self.shares = self.forms_and_shares()
+        shapes = self.settings.shapes
+        self.forms = [self.form(PanelShape(*sides)) for sides in shapes]
         self.rendered = [self.panels(form) for form in self.forms]
         nothing = [found.rows(slice(0)) for found in self.rendered]
         self.near, self.clutter = nothing, nothing
 
     @abstractmethod
-    def forms_and_shares(self) -> tuple[list[Form], list[float]]:
-        """Give what the network sees, and how often."""
+    def form(self, shape: PanelShape) -> Form:
+        """Give what the network sees of panels of a shape."""
 
     @abstractmethod
     def panels(self, form: Form) -> Found:
@@ -150,7 +154,7 @@ class Sampler(ABC):
     def batch(self) -> tuple[Form, Pictures]:
         """Draw a batch of pictures of one form, whose rows are columns in half of the batches."""
         options = self.settings
-        number = int(torch.tensor(self.shares).multinomial(1))
+        number = int(torch.tensor(options.shape_shares).multinomial(1))
         form = self.forms[number]
         # Larger pictures take longer.
         share = self.scale * self.forms[0].px / form.px

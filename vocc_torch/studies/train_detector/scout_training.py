@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import torch
+from kornia.losses import binary_focal_loss_with_logits
 from torch import Tensor
 from torch.nn import functional
 
@@ -26,12 +27,15 @@ from vocc_torch.studies.train_detector.sampling import (
     panels_of,
     proposals,
 )
+from vocc_torch.types import PanelShape
 
 
 @dataclass(frozen=True)
 class ScoutTraining(Training):
     """Settings of the training."""
 
+    shapes: tuple[tuple[int, int], ...] = ((1, 1),)  # whatever they are
+    shape_shares: tuple[float, ...] = (1.0,)
     rendered: int = 38
     near: int = 0
     empty: int = 10
@@ -60,9 +64,9 @@ class ScoutSampler(Sampler):
 
     settings = SETTINGS
 
-    def forms_and_shares(self) -> tuple[list[Form], list[float]]:
+    def form(self, shape: PanelShape) -> Form:
         """Give the crop."""
-        return [Form(UNIT, UNIT, (SETTINGS.crop_px,) * 2)], [1.0]
+        return Form(shape, UNIT, (SETTINGS.crop_px,) * 2)
 
     def panels(self, form: Form) -> Found:
         """Give the readable panels on each level on which the scout is to find them."""
@@ -137,12 +141,10 @@ def scout_loss(outputs: Tensor, batch: Pictures) -> Tensor:
     there = panel & inside & near
     own, others = sizes_of(batch.shapes.float())
     logit = outputs[:, : scout.SCORES]
-    chance = logit.sigmoid()
-    missed = (1 - chance).square() * functional.logsigmoid(logit)
-    false = chance.square() * functional.logsigmoid(-logit)
-    covered, middle = (spare | there)[:, None], there[:, None]
-    weight = torch.where(covered, options.other_weight * others, 1.0)
-    cost = torch.where(middle & own, missed, weight * false)
+    right = (there[:, None] & own).float()
+    cost = binary_focal_loss_with_logits(logit, right, alpha=None)
+    rare = torch.where((spare | there)[:, None], options.other_weight * others, 1.0)
+    cost = cost * torch.maximum(right, rare)
     picture, row, column = there.nonzero().unbind(1)
     found = scout.quads_of(
         outputs[picture, :, row, column], torch.stack([column, row], 1)
@@ -153,6 +155,6 @@ def scout_loss(outputs: Tensor, batch: Pictures) -> Tensor:
     corners = functional.smooth_l1_loss(
         off, torch.zeros_like(off), beta=options.corner_beta, reduction="sum"
     )
-    loss = options.corner_weight * corners / 8 - cost.sum()
+    loss = options.corner_weight * corners / 8 + cost.sum()
     mean: Tensor = loss / there.sum().clamp(min=1)
     return mean
