@@ -331,6 +331,8 @@ def drawn_by_distance(
     tight_px: Callable[[float], Size],
     draw: Callable[[Batch], Tensor],
     drawn_px: Size,
+    *,
+    on_host: bool,
 ) -> Tensor:
     """Draw frames in parts, those of far panels in smaller pictures, laid into pictures of the batch's size.
 
@@ -342,6 +344,7 @@ def drawn_by_distance(
         tight_px: height and width of pictures that hold a panel at a distance, or farther.
         draw: gives the pictures (n,1,h,w) of a part, which is as large as the cache holds.
         drawn_px: height and width of these pictures, for a part of the batch's size.
+        on_host: whether a further part costs less than the pixels that it saves.
 
     Returns:
         (B,1,H,W), in the batch's order.
@@ -349,7 +352,7 @@ def drawn_by_distance(
     distance_m = torch.where(apart, 0.0, batch.context.scene.distance_m)
     sorted_m, order = distance_m.sort(descending=True, stable=True)
     most = CHUNK_PIXELS // math.prod(drawn_px)
-    if sorted_m[0] > SIZE_STEP * sorted_m[-1]:
+    if on_host and sorted_m[0] > SIZE_STEP * sorted_m[-1]:
         most = min(most, PART_FRAMES)
     drawn = []
     for frames in torch.split(order, max(1, most)):

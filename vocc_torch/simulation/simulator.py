@@ -297,6 +297,7 @@ class Simulator:
             partial(framing.crop_size_px, *world, margin_cells=0),
             lambda part: self.expose(part.to(self.device), window),
             sensor if self._filling and not window else size,
+            on_host=self.device.type == "cpu",
         )
         centre, origin = (
             points_px.to(self.device, non_blocking=True)

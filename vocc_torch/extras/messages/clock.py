@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
-from scipy.stats import theilslopes
 
 from vocc_torch.arrays import Bools, Floats, Integers, Singles
 from vocc_torch.extras.messages.layout import Layout
@@ -40,14 +39,8 @@ MEMORY = 64
 DELAY = 256
 """Frames that are looked ahead before a frame's symbol is settled."""
 
-ENDS = 8
-"""Frames at a recording's begin and end that only frames on one side speak for."""
-
-BESIDE = 32
-"""Frames beside them that do."""
-
-ASTRAY = 1.25
-"""Symbols from where the others place it, from which on such a frame is astray."""
+LEAST_JUMP = 2.25
+"""Symbols from where the camera's clock expects the next frame, from which on a step is a jump."""
 
 BACK = 16
 """Symbols that a jump may lead back, from a place taken wrongly beside a gap; farther back is far ahead."""
@@ -166,7 +159,7 @@ class SymbolClock:
 
     def finish(self) -> Ticks | None:
         """Settle the remaining frames."""
-        return self._settle(len(self._frames), at_end=True) if self._frames else None
+        return self._settle(len(self._frames)) if self._frames else None
 
     def _likelihood(self, llr: Singles) -> Singles:
         """Give the log-likelihood of every state (F,P*B) from known cells."""
@@ -197,7 +190,7 @@ class SymbolClock:
         self._value -= self._value.max()
         return np.where(value < jump, old.argmax(), back).astype(np.int32)
 
-    def _settle(self, count: int, at_end: bool = False) -> Ticks:
+    def _settle(self, count: int) -> Ticks:
         """Trace back from the likeliest state and settle the oldest frames."""
         bands, n = self.layout.bands, len(self._value)
         path = [int(self._value.argmax())]
@@ -209,7 +202,6 @@ class SymbolClock:
         doubtful[: len(self._doubted)] |= self._doubted
         self._doubted = np.logical_and.accumulate(doubtful[count:])
         settled, self._frames = self._frames[:count], self._frames[count:]
-        at_begin = self._unit is None
         if self._unit is None:
             self._unit, self._ahead = path[0], -settled[0].ahead
         units = np.empty(count, dtype=np.int64)
@@ -221,11 +213,6 @@ class SymbolClock:
             units[i] = self._unit + step
             if not doubtful[i]:
                 self._unit, self._ahead = self._unit + step, 0.0
-        expected = np.cumsum([frame.ahead for frame in settled])
-        if at_begin:
-            rejoin(units, expected, ASTRAY * bands)
-        if at_end:
-            rejoin(units[::-1], expected[::-1], ASTRAY * bands)
         llr = np.stack([frame.llr for frame in settled])
         is_next = np.arange(bands) >= bands - units[:, None] % bands
         symbol = units[:, None] // bands + is_next
@@ -248,8 +235,7 @@ class SymbolClock:
         seen = np.stack([frame.likelihood for frame in self._frames])
         apart = (np.diff(path) - np.diff(clock) + n / 2) % n - n / 2
         doubtful, about = np.zeros(len(path), dtype=bool), np.arange(-bands, bands + 1)
-        # Beyond what is looked at about a place.
-        jumps = np.flatnonzero(np.abs(apart) > (1 + ASTRAY) * bands).tolist()
+        jumps = np.flatnonzero(np.abs(apart) > LEAST_JUMP * bands).tolist()
         ends = [-1, *jumps, len(path) - 1]
         for begin, last, end in zip(ends, jumps, ends[2:], strict=False):
             between = (path[last] - path[begin + 1]) % n
@@ -265,29 +251,3 @@ class SymbolClock:
                 gain = np.cumsum(seen[rows, path[rows]] - others.max(axis=1))
                 doubtful[rows[np.maximum.accumulate(gain) <= DOUBTFUL]] = True
         return doubtful
-
-
-def rejoin(units: Integers, expected: Floats, astray: float) -> None:
-    """Move the first frames to the place that later frames imply, if they lie farther away than ``astray``.
-
-    A frame amid a recording pays for the way to a wrong symbol and back; the first and the last pay once.
-
-    Args:
-        units: (F,) places of frames, changed.
-        expected: (F,) where the camera's clock lets expect them, from any origin and of about any rate.
-        astray: in the same unit.
-
-    Example:
-        >>> units = np.arange(100)
-        >>> units[0] = 9
-        >>> rejoin(units, 0.99 * np.arange(100), 5)
-        >>> int(units[0])
-        0
-    """
-    others = slice(ENDS, ENDS + BESIDE)
-    if len(units) < ENDS + BESIDE or np.ptp(expected[others]) == 0:
-        return
-    rate, begin = theilslopes(units[others], expected[others])[:2]
-    placed = begin + rate * expected[:ENDS]
-    far = np.abs(units[:ENDS] - placed) > astray
-    units[:ENDS][far] = np.rint(placed[far])

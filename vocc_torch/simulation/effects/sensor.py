@@ -170,6 +170,9 @@ TILE = TILE_PX, TILE_PX
 DrawTile = Callable[[int, int, int], Numbers]
 """Gives the tile of a row and a column of tiles, down to so many of its rows."""
 
+PART_VALUES = 1 << 17
+"""Numbers that are counted at a time, so that the working arrays stay in the cache."""
+
 MOST_TILES = 1024
 """Tiles of patterns that are held, 64 KiB each: of a full-HD sensor 135 a pattern and channel."""
 
@@ -201,10 +204,10 @@ class ElectronNoise(Effect, on=Quantity.ELECTRONS):
             draw, end = tiles(key, stream), top + height
             across = range(left // TILE_PX, -(-(left + width) // TILE_PX))
             lines = [
-                np.hstack([draw(row, column, end - row * TILE_PX) for column in across])
+                [draw(row, column, end - row * TILE_PX) for column in across]
                 for row in range(top // TILE_PX, -(-end // TILE_PX))
             ]
-            plane = np.vstack(lines)[top % TILE_PX :, left % TILE_PX :]
+            plane: Numbers = np.block(lines)[top % TILE_PX :, left % TILE_PX :]
             planes.append(plane[:, :width])
         return np.stack(planes)
 
@@ -383,15 +386,14 @@ class ShotNoise(ElectronNoise):
             VoccError: a mean that is not a number.
         """
         # Rounding in an earlier effect may leave a black pixel a hair below zero.
-        means = value.detach().cpu().double().squeeze(1).numpy().clip(min=0.0)
-        if np.isnan(means).any():
+        means = value.detach().cpu().clamp(min=0).double().squeeze(1).numpy()
+        if np.isnan(means.sum()):
             raise VoccError(
                 f"scene.effects.{self.name} got a mean of electrons that is not a number"
             )
         normals = self.normals(value, context, np.float64)
-        # In parts the working arrays stay in the cache.
         parts = (
-            np.array_split(plane.ravel(), -(-plane.size // TILE_PX**2))
+            np.array_split(plane.ravel(), -(-plane.size // PART_VALUES))
             for plane in (means, normals)
         )
         counts = np.concatenate([*map(poisson_quantile, *parts)])
