@@ -113,6 +113,9 @@ def test_scenes_are_loaded_from_many_threads_and_hydra_is_left_alone():
     assert GlobalHydra.instance().hydra is hydra
 
 
+ENDLESS: dict[str, object] = {}
+ENDLESS["effects"] = ENDLESS
+
 FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
 
 
@@ -123,6 +126,7 @@ FRESH = vt.Receiver("flda_3", PaperLocator(), Reader(), vt.FLDA(3))
         (lambda: vt.load_scene("nowhere.yaml"), "scene nowhere.yaml cannot be read"),
         (lambda: vt.load_scene({"distance_m": -3}), "scene.distance_m"),
         (lambda: vt.load_scene({"colour": 1}), "scene.colour is not a known key"),
+        (lambda: vt.load_scene(ENDLESS), "it must be a value of at most 32 levels"),
         (
             lambda: vt.load_scene({"effects": {"rain": {}}}),
             "scene.effects.rain is not a known effect",

@@ -1,5 +1,6 @@
 """NumPy's arrays by the kind of their numbers, and files of one plain array."""
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,6 @@ def read_npy(path: Path, what: str, most_bytes: int = MOST_BYTES) -> NDArray[Any
         except (
             Exception
         ) as error:  # a header is parsed as Python, and fails as Python does
-            why = " ".join(str(error).split())
+            why = textwrap.shorten(str(error), 200, placeholder="...")
             rule = "cannot be read as one array .npy"
             raise VoccError(f"{what} {path} {rule} ({why})") from None

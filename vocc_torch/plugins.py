@@ -19,6 +19,7 @@ from typing import Any, Self
 from vocc_torch.errors import VoccError, shown
 from vocc_torch.files import file_digest, read_file
 from vocc_torch.sources import digest_of, package_digest
+from vocc_torch.yaml_text import MOST_LEVELS
 
 TARGET = "_target_"
 """The key that names a class or function."""
@@ -513,6 +514,9 @@ def demand_plain(key: str, value: object, allowed: Collection[str] = ()) -> None
     """
     if isinstance(value, str) and "${" in value:
         raise VoccError.of(key, shown(value), "a value without ${")
+    if key.count(".") > MOST_LEVELS:
+        rule = f"a value of at most {MOST_LEVELS} levels"
+        raise VoccError.of(f"{key[:40]}...", shown(type(value).__name__), rule)
     if isinstance(value, Mapping):
         for name, item in value.items():
             if name in DIRECTIVES and name not in allowed:

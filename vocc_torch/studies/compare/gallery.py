@@ -21,6 +21,7 @@ class GallerySettings:
     side_panels: float = 1.5  # side of a picture in sides of the panel
     least_spread_grey: float = 3.0  # least standard deviation with a panel in it
     seen_grey: float = 1.5  # least mean change that the eye sees
+    draws: int = 4  # of an effect that not every frame shows
     columns: int = 6  # pictures in a row
     cell_in: tuple[float, float] = (1.8, 0.3)  # width of a picture, height of its name
 
@@ -43,38 +44,50 @@ def gallery_pictures(study: EffectStudy) -> Iterator[Picture]:
 
     The panel is at the nearest distance; all else is drawn as for a test frame. A severity that leaves no
     panel to see gives way to a milder one.
-    What hardly changes the panel's surroundings is shown over the whole frame.
+    What changes the frame but hardly the panel's surroundings is shown over the whole frame.
 
     Yields:
         What is shown, with its grey values (H,W).
     """
     world, model = study.plan.world, study.plan.world.scene
-    key = FrameKey(BlockKey(study.plan.seed, "gallery", 0), 0)
-    drawn, bits = model.draw(key.block, world.panel.shape)
+    block = BlockKey(study.plan.seed, "gallery", 0)
+    drawn, bits = model.draw(block, world.panel.shape)
     scene = replace(drawn[:1], distance_m=torch.full((1,), model.nearest_m).double())
     corners = panel_corners_px(scene, world.camera, world.panel)[0].numpy()
     side = SETTINGS.side_panels * np.ptp(corners, axis=0).max()
     left, top = np.maximum(0, corners.mean(axis=0) - side / 2).round().astype(int)
     place = np.s_[top : top + round(side), left : left + round(side)]
 
-    def rendered(effects: Effects) -> Bytes:
+    def rendered(effects: Effects, draw: int = 0) -> Bytes:
         simulator = replace(world, effects=effects, framing="full").simulator()
-        grey = simulator.render(scene, bits[:1], keys=[key]).grey[0, 0]
+        keys = [FrameKey(block, draw)]
+        grey = simulator.render(scene, bits[:1], keys=keys).grey[0, 0]
         return np.asarray(grey.clamp(0, 255).round().byte().cpu())
 
     plain = rendered(study.scene)
     yield Picture(plain[place], "the scene itself")
     for pair in study.pairs:
         scenes = scenes_of(study, pair)
-        frame = rendered(scenes.pop())
-        while scenes and frame[place].std() < SETTINGS.least_spread_grey:
-            frame = rendered(scenes.pop())
-        near = np.abs(frame[place].astype(int) - plain[place]).mean()
         name = " + ".join(pair.differing)
-        if near < SETTINGS.seen_grey:
+        for draw in range(SETTINGS.draws):
+            frame = rendered(scenes[-1], draw)
+            if seen(frame, plain):
+                break
+        while scenes[:-1] and frame[place].std() < SETTINGS.least_spread_grey:
+            scenes.pop()
+            frame = rendered(scenes[-1], draw)
+        if seen(frame[place], plain[place]):
+            yield Picture(frame[place], name)
+        elif seen(frame, plain):
             yield Picture(frame, f"{name}\nwhole frame")
         else:
-            yield Picture(frame[place], name)
+            yield Picture(frame[place], f"{name}\nno change to see")
+
+
+def seen(pixels: Bytes, plain: Bytes) -> bool:
+    """Say whether the eye sees that grey values differ."""
+    change = np.abs(pixels.astype(int) - plain).mean()
+    return bool(change >= SETTINGS.seen_grey)
 
 
 def scenes_of(study: EffectStudy, pair: ScenePair) -> list[Effects]:
