@@ -274,7 +274,7 @@ def print_effects(rows: Sequence[Row]) -> None:
     shown = list(map(flat, rows))
     shown[0]["differs_in"] = "the scene itself"
     for reading in READINGS:
-        if f"{reading}_frames" in rows[-1]:
+        if any(f"{reading}_frames" in row for row in rows):
             columns[reading] = f"{reading.replace('_', ' ')}\nBER x 1000"
             for cells, row in zip(shown, rows, strict=True):
                 rate = row.get(f"{reading}_ber_with")
