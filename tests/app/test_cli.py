@@ -141,6 +141,7 @@ def test_a_mistake_of_several_jobs_is_said_once(app, tmp_path, words):
     said = ("input nothing", "input is ['a']", "name is ", "camera.gama", "panel.rows")
     assert ran.complaint.startswith(said)
     assert ran.out.count("refused as job 0 is") == 2
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_value_that_hangs_on_the_number_of_the_job_is_not_refused_for_all(

@@ -274,7 +274,13 @@ def run_jobs(jobs: Jobs) -> int:
             f"all jobs in one table: vocc-torch task=collect input={os.path.relpath(measured[0].parent)}"
         )
     failures = [word for word in jobs.told() if "complaint" in word]
-    if failures and jobs.parallel:
+    complaints = {failure["complaint"] for failure in failures}
+    if 1 < len(failures) == len(jobs.folders()) and len(complaints) == 1:
+        # A mistake of the command, which no job's folder need tell of.
+        for folder in jobs.folders():
+            begin_again(folder)
+            discard_if_empty(folder)
+    elif failures and jobs.parallel:
         numbers = ", ".join(str(failure["job"]) for failure in failures)
         count = len(jobs.folders())
         complain(
