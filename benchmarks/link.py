@@ -121,11 +121,8 @@ def with_workers(receiver: Receiver, rounds: int, batch: int) -> list[float]:
         # The first round starts the processes.
         for _ in range(rounds + 1):
             begin = time.perf_counter()
-            calls = [
-                workers.submit(draw_and_decode, (part, batch, receiver))
-                for part in parts
-            ]
-            frames = sum(call.result() for call in calls)
+            calls = [(part, batch, receiver) for part in parts]
+            frames = sum(workers.map(draw_and_decode, calls))
             spent.append((time.perf_counter() - begin) / frames)
     return spent[1:]
 

@@ -99,15 +99,15 @@ def story(sweeps, tmp_path_factory):
         story = SimpleNamespace(
             results=results(sweeps, workers, tell), told=told, path=path, deaf={}
         )
-        story.threads = workers.submit(
-            eval, "__import__('torch').get_num_threads()"
-        ).result()
-        story.tensor = workers.submit(torch.neg, torch.arange(5)).result()
+        story.threads = workers.result(
+            workers.submit(eval, "__import__('torch').get_num_threads()")
+        )
+        story.tensor = workers.result(workers.submit(torch.neg, torch.arange(5)))
         while len(story.deaf) < 2:
-            pid, deaf = workers.submit(eval, IS_DEAF).result()
+            pid, deaf = workers.result(workers.submit(eval, IS_DEAF))
             story.deaf[pid] = deaf
         story.bad_call = caught(
-            lambda: workers.submit(resolve_device, "abacus").result()
+            lambda: workers.result(workers.submit(resolve_device, "abacus"))
         )
 
         first = next(pid for pid in story.deaf)
@@ -177,7 +177,8 @@ def test_what_was_counted_before_a_worker_was_killed_is_known(sweeps, story):
 
 def test_one_worker_starts_nothing():
     with Workers(1) as workers:
-        assert workers.submit(eval, "__import__('os').getpid()").result() == os.getpid()
+        call = workers.submit(eval, "__import__('os').getpid()")
+        assert workers.result(call) == os.getpid()
         assert workers._pool is None
         with pytest.raises(ValueError, match="invalid literal"):
             workers.submit(int, "x")
@@ -363,10 +364,10 @@ def test_unasked_it_begins_here_and_takes_processes(monkeypatch):
     monkeypatch.setattr(executors, "LIMITS", replace(executors.LIMITS, patience_s=0.05))
     monkeypatch.setattr(executors.timing, "usable_cores", lambda: 64)
     with Workers(None) as pool:
-        assert (pool.window, pool.submit(abs, -1).result(), opened) == (1, 1, [])
+        assert (pool.window, pool.result(pool.submit(abs, -1)), opened) == (1, 1, [])
         # One thread, whatever torch's number is.
-        assert pool.submit(spin, 0.1).result() == 1
-        assert pool.submit(abs, -2).result() == 2
+        assert pool.result(pool.submit(spin, 0.1)) == 1
+        assert pool.result(pool.submit(abs, -2)) == 2
     assert (opened, ended) == ([8], [False])
     assert Workers.of(composed("executor=here", "workers=4")).window == 1
 
@@ -396,7 +397,7 @@ def test_a_call_that_a_cluster_lost_for_good_is_one_line(monkeypatch):
     monkeypatch.setattr(executors, "ray_pool", lambda *_: lost)
     refusal = r"^a cluster lost a task 3 times \(NodeDiedError: gone\): .*start again to go on$"
     with Workers(2, "ray") as pool, pytest.raises(VoccError, match=refusal):
-        pool.submit(abs, -1).result()
+        pool.result(pool.submit(abs, -1))
 
 
 def spin(seconds):

@@ -74,6 +74,9 @@ class Hands:
             future.set_running_or_notify_cancel()
         return future
 
+    def result(self, future):
+        return future.result()
+
     def wait(self, futures, return_when):
         self.pending = [
             call

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
 
 import numpy as np
 import torch
@@ -34,6 +34,8 @@ from vocc_torch.types import resolve_device
 
 A = TypeVar("A")
 R = TypeVar("R")
+Call: TypeAlias = futures.Future[Any]
+"""A call that was handed out."""
 CLUSTERS = {"ray": "ray", "dask": "distributed"}
 """Executors that may run on other machines, and the package of each."""
 KINDS = ("auto", "here", "processes", *CLUSTERS)
@@ -64,7 +66,7 @@ class WorkerPool(NamedTuple):
         end: starts no further call; its argument says whether running calls are ended at once.
     """
 
-    submit: Callable[..., futures.Future[bytes]]
+    submit: Callable[..., Call]
     slots: Callable[[], int]
     end: Callable[[bool], object]
 
@@ -87,7 +89,7 @@ class Workers:
 
     Example:
         >>> with Workers(1) as workers:
-        ...     workers.submit(abs, -3).result()
+        ...     workers.result(workers.submit(abs, -3))
         3
     """
 
@@ -146,26 +148,41 @@ class Workers:
         # A larger cluster would begin every call that it has.
         return self._most if self._most and self._most < slots else 2 * slots
 
-    def submit(self, call: Callable[[A], R], argument: A, /) -> futures.Future[R]:
-        """Hand out a call; in this process it is made at once, and its error raised here.
+    def submit(self, call: Callable[[A], Any], argument: A, /) -> Call:
+        """Hand out a call for :meth:`result`; in this process it is made at once, and its error raised here.
 
         Raises:
             VoccError: the workers were ended from outside, as a system short of memory does.
         """
         if self._here:
-            result = futures.Future[R]()
+            done = Call()
             begun = time.process_time()
             with timing.threads(1):
-                result.set_result(call(argument))
+                done.set_result((True, call(argument)))
             self._patience_s -= time.process_time() - begun
             self._here = self._patience_s > 0
-            return result
+            return done
         packed = about_run(self._kind), _packed(call), pickle.dumps(argument)
         try:
             self._pool = self._pool or process_pool(self.count)
-            return Reply(self._pool.submit(*packed))
+            return self._pool.submit(*packed)
         except futures.BrokenExecutor as error:
             raise _lost(error) from error
+
+    def result(self, call: Call, /) -> Any:
+        """Wait for a call's result.
+
+        Raises:
+            VoccError: the call was lost with its worker, or the node cannot begin; or what the call raised.
+        """
+        try:
+            done = call.result()
+        except Exception as error:
+            raise _lost(error) from None
+        well, value = done if isinstance(done, tuple) else pickle.loads(done)
+        if not well:
+            raise value
+        return value
 
     def map(self, call: Callable[[A], R], arguments: Iterable[A]) -> Iterator[R]:
         """Make a call with each argument, and give the results in their order.
@@ -176,15 +193,14 @@ class Workers:
             >>> list(Workers(1).map(abs, [-3, 4]))
             [3, 4]
         """
-        calls = deque[futures.Future[R]]()
+        calls = deque[Call]()
         for argument in arguments:
             calls.append(self.submit(call, argument))
             while len(busy := [of for of in calls if not of.done()]) >= self.window:
                 futures.wait(busy, return_when=futures.FIRST_COMPLETED)
             while calls and calls[0].done():
-                yield calls.popleft().result()
-        for waiting in calls:
-            yield waiting.result()
+                yield self.result(calls.popleft())
+        yield from map(self.result, calls)
 
     def __enter__(self) -> Self:
         """Join the cluster, if there is one; no process of this machine is started yet."""
@@ -198,28 +214,6 @@ class Workers:
         """End the workers; after an error without waiting for what they are doing."""
         if self._pool is not None:
             self._pool.end(kind is not None)
-
-
-class Reply(futures.Future[R]):
-    """The result of a call whose bytes come back from a worker."""
-
-    def __init__(self, work: futures.Future[bytes]) -> None:
-        super().__init__()
-        self._work = work
-        work.add_done_callback(self._arrive)
-
-    def cancel(self) -> bool:
-        """Cancel a call that nobody has begun."""
-        return self._work.cancel() and super().cancel()
-
-    def _arrive(self, work: futures.Future[bytes]) -> None:
-        if work.cancelled():
-            super().cancel()
-        elif error := work.exception():
-            self.set_exception(_lost(error))
-        else:
-            well, value = pickle.loads(work.result())
-            self.set_result(value) if well else self.set_exception(value)
 
 
 def _lost(error: BaseException) -> BaseException:
@@ -241,7 +235,7 @@ def process_pool(count: int) -> WorkerPool:
     files = plugins.files_read()
     executor = futures.ProcessPoolExecutor(count, context, _begin, (files,))
 
-    def submit(*packed: bytes) -> futures.Future[bytes]:
+    def submit(*packed: bytes) -> Call:
         with _interrupts_blocked():
             return executor.submit(called, *packed)
 

@@ -19,7 +19,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import intervals
 from vocc_torch.measure.config import Budget, Experiment
 from vocc_torch.measure.counts import Counts, half_errors
-from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.executors import Call, Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.plan import Plan
@@ -375,8 +375,7 @@ def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:
     return "precision" if all(precise) else None
 
 
-Future: TypeAlias = futures.Future[Sequence[bytes]]
-Calls: TypeAlias = dict[Future, tuple[PointTask, list[Part]]]
+Calls: TypeAlias = dict[Call, tuple[PointTask, list[Part]]]
 
 
 def count(
@@ -418,7 +417,7 @@ def count(
             if begun and begun[0].stopped_by:
                 yield begun.popleft().outcome
             elif calls:
-                _collect(calls)
+                _collect(calls, workers)
                 for point in begun:
                     point.add()
             else:
@@ -430,28 +429,28 @@ def count(
             ]:
                 del calls[future]
     finally:
-        _end(calls)
+        _end(calls, workers)
 
 
-def _collect(calls: Calls) -> None:
+def _collect(calls: Calls, workers: Workers) -> None:
     """Wait until something comes back and record it, before the error of another call is raised."""
     done, _ = futures.wait(calls, return_when=futures.FIRST_COMPLETED)
-    back = [(future, *calls.pop(future)) for future in done]
+    back, errors = [(call, *calls.pop(call)) for call in done], list[Exception]()
     with ExitStack() as together:  # one wait for the disk
         for store in {point.store for _, point, _ in back if point.store is not None}:
             together.enter_context(store.together())
-        for future, point, parts in sorted(back, key=lambda call: _failed(call[0])):
-            point.record(parts, future.result())
+        for call, point, parts in back:
+            try:
+                point.record(parts, workers.result(call))
+            except Exception as error:
+                errors.append(error)
+    if errors:
+        raise errors[0]
 
 
-def _end(calls: Calls) -> None:
+def _end(calls: Calls, workers: Workers) -> None:
     """Cancel what can be cancelled, and record what came back meanwhile."""
-    for future, (point, parts) in calls.items():
-        if not future.cancel() and future.done() and not _failed(future):
-            with suppress(VoccError):  # what ended the run is the error to tell of
-                point.record(parts, future.result())
-
-
-def _failed(future: Future) -> bool:
-    """Whether a call that is done has no result."""
-    return future.cancelled() or future.exception() is not None
+    for call, (point, parts) in calls.items():
+        if not call.cancel() and call.done():
+            with suppress(Exception):  # what ended the run is the error to tell of
+                point.record(parts, workers.result(call))
