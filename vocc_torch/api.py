@@ -5,7 +5,7 @@ import io
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -369,11 +369,12 @@ def measure(
             settings = {**identity(plan, (OWN,)), "receivers": digests(named)}
             opened = held.enter_context(Store.open(store, settings))
         jobs = [
-            runner.Job(
+            WholeJob(
                 plan,
                 axes.model_at(world, value),
                 axes.point_name(value),
-                Whole(named),
+                (),
+                receivers=named,
             )
             for value in axes.simulated_values
         ]
@@ -390,26 +391,27 @@ OWN = "of each receiver"
 
 
 @dataclass(frozen=True, eq=False)
-class Whole:
-    """Receivers that look for the panel themselves; see :class:`vocc_torch.measure.runner.Deciders`.
+class WholeJob(runner.Job):
+    """Receivers that look for the panel themselves.
 
     Args:
         receivers: by name.
     """
 
-    receivers: Mapping[str, Receiver]
+    receivers: Mapping[str, Receiver] = field(default_factory=dict)
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """Whose decisions they are."""
+        """Whose decisions are counted, in order."""
         return tuple(Key(OWN, name) for name in self.receivers)
 
-    def finders(self, _: Plan) -> dict[str, PanelLocator | None]:
-        """Give the locators by the receiver's name."""
+    @property
+    def finders(self) -> dict[str, PanelLocator | None]:
+        """The locators by the receiver's name."""
         return {name: receiver.locator for name, receiver in self.receivers.items()}
 
-    def __call__(
-        self, views: Mapping[str, Observation], /
+    def decisions(
+        self, views: Mapping[str, Observation]
     ) -> Iterator[tuple[torch.Tensor, Observation]]:
         """Decide one batch."""
         for name, receiver in self.receivers.items():

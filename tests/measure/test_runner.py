@@ -311,9 +311,9 @@ def test_a_block_of_a_group_that_its_point_does_not_have_is_refused(
     world, budget = World(device="cpu"), Budget(64)
     plan = Plan(world, ReceiverPlan(), Experiment("e", axis, values), budget)
     bank = ReceiverBank(["average_greyscale"], FLDA(3))
-    job = runner.Job(plan, world.scene, "e", runner.Banks([("truth", bank, 0)]))
+    job = runner.Job(plan, world.scene, "e", [("truth", bank, 0)])
     groups = np.full(64, group)
-    errors = errors_of(0 * groups[None], 64, keys=job.receivers.keys, groups=groups)
+    errors = errors_of(0 * groups[None], 64, keys=job.keys, groups=groups)
     (part,) = parts_of(64)
     if fits:
         assert job.read(errors.packed(), part).groups[0] == group

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import torch
 
@@ -59,65 +59,8 @@ def parts_of(frames: int) -> Iterator[Part]:
         yield Part(start // BLOCK_FRAMES, min(BLOCK_FRAMES, frames - start))
 
 
-class Deciders(Protocol):
-    """What decides a batch of frames; picklable, so that workers do it.
-
-    Attributes:
-        keys: whose decisions they are, in order.
-    """
-
-    @property
-    def keys(self) -> tuple[Key, ...]: ...  # noqa: D102
-
-    def finders(self, plan: Plan) -> Mapping[str, PanelLocator | None]:
-        """Give what finds the panel by the name of the view; None takes the simulator's own corners."""
-
-    def __call__(
-        self, views: Mapping[str, Observation], /
-    ) -> Iterable[tuple[torch.Tensor, Observation]]:
-        """Give for each key the bits, (B,R,C) bool, and the observation that they were decided on."""
-
-
 NumberedBank: TypeAlias = tuple[str, ReceiverBank, int]
 """Receivers, the locator that they are trained with, and the number of their training."""
-
-
-@dataclass(frozen=True, eq=False)
-class Banks:
-    """Receivers of one or more banks, bank after bank.
-
-    Args:
-        banks: each with the name of the locator whose readings it decides on, and what tells its receivers
-            from those of another bank: the number of its training.
-    """
-
-    banks: Sequence[NumberedBank]
-
-    def __call__(
-        self, views: Mapping[str, Observation], /
-    ) -> Iterator[tuple[torch.Tensor, Observation]]:
-        """Decide one batch, as :class:`Deciders` says."""
-        for locator, bank, _ in self.banks:
-            observation = views[locator]
-            for scores in bank.scores(
-                observation.readings, observation.preambles
-            ).values():
-                yield scores >= 0, observation
-
-    def finders(self, plan: Plan) -> Mapping[str, PanelLocator | None]:
-        """Give the locators by name."""
-        return plan.receiver.finders(
-            list(dict.fromkeys(locator for locator, _, _ in self.banks))
-        )
-
-    @property
-    def keys(self) -> tuple[Key, ...]:
-        """Whose decisions they are."""
-        return tuple(
-            Key(locator, name, number)
-            for locator, bank, number in self.banks
-            for name in bank.names
-        )
 
 
 def group_of(experiment: Experiment, link: Link, seen: Observation) -> torch.Tensor:
@@ -142,7 +85,8 @@ class Job:
         plan: world, reader, locators, seed and batch size.
         model: the scenes.
         point: name that keys their random draws.
-        receivers: what decides.
+        banks: each with the name of the locator whose readings it decides on, and what tells its receivers
+            from those of another bank: the number of its training.
         name: of its rows in the store, where several jobs count the same point; the point's by default.
 
     Example:
@@ -150,8 +94,8 @@ class Job:
         >>> from vocc_torch.receiver.flda import FLDA
         >>> experiment = Experiment("d", "distance_m", (50.0,))
         >>> plan = Plan(World(device="cpu"), ReceiverPlan(), experiment, Budget(2))
-        >>> greyscale = Banks([("truth", ReceiverBank(["average_greyscale"], FLDA(3)), 0)])
-        >>> job = Job(plan, plan.world.scene, "d", greyscale)
+        >>> greyscale = "truth", ReceiverBank(["average_greyscale"], FLDA(3)), 0
+        >>> job = Job(plan, plan.world.scene, "d", [greyscale])
         >>> with Workers(1) as workers:
         ...     (outcome,) = count([PointTask(job, Budget(2))], workers)
         >>> outcome.errors.counts[0].frames, outcome.errors.counts[0].bit_errors, outcome.stopped_by
@@ -161,13 +105,37 @@ class Job:
     plan: Plan
     model: SceneModel
     point: str
-    receivers: Deciders
+    banks: Sequence[NumberedBank]
     name: str = ""
 
     @property
     def rows(self) -> str:
         """The name of its rows in the store."""
         return self.name or self.point
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """Whose decisions are counted, in order."""
+        return tuple(
+            Key(locator, name, number)
+            for locator, bank, number in self.banks
+            for name in bank.names
+        )
+
+    @property
+    def finders(self) -> Mapping[str, PanelLocator | None]:
+        """What finds the panel, by the name of the view; None takes the simulator's own corners."""
+        locators = dict.fromkeys(locator for locator, _, _ in self.banks)
+        return self.plan.receiver.finders(list(locators))
+
+    def decisions(
+        self, views: Mapping[str, Observation]
+    ) -> Iterator[tuple[torch.Tensor, Observation]]:
+        """Give for each key the bits of a batch, (B,R,C) bool, and the observation that they were decided on."""
+        for locator, bank, _ in self.banks:
+            view = views[locator]
+            for scores in bank.scores(view.readings, view.preambles).values():
+                yield scores >= 0, view
 
     def count(self, blocks: Iterable[int], frames: int) -> FrameErrors:
         """Simulate blocks, look for the panel with each locator, let every receiver decide, and count.
@@ -176,16 +144,16 @@ class Job:
             blocks: indices of the point's blocks.
             frames: how many frames of these to use, from the first on.
         """
-        link, deciders, batches = Link.of(self.plan), self.receivers, []
+        link, batches = Link.of(self.plan), []
         every = link.observe_each(
-            deciders.finders(self.plan),
+            self.finders,
             self.model,
             [BlockKey(self.plan.seed, self.point, block) for block in blocks],
-            preambles=needs_preambles([key.receiver for key in deciders.keys]),
+            preambles=needs_preambles([key.receiver for key in self.keys]),
             frames=frames,
         )
         for views in every:
-            decided = list(deciders(views))
+            decided = list(self.decisions(views))
             rows = [
                 half_errors(bits, view.bits, view.panels.found)
                 for bits, view in decided
@@ -196,7 +164,7 @@ class Job:
             rows.append(group_of(self.plan.experiment, link, seen))
             batches.append(torch.stack(rows))
         numbers = torch.cat(batches, dim=1).cpu().numpy()
-        return FrameErrors(numbers, link.reader.shape.leds, deciders.keys)
+        return FrameErrors(numbers, link.reader.shape.leds, self.keys)
 
     def __call__(self, parts: Sequence[Part]) -> list[bytes]:
         """Count some blocks; of these only the last may be used in part."""
@@ -213,8 +181,8 @@ class Job:
     def read(self, content: bytes, part: Part) -> FrameErrors:
         """Give the errors that a block's bytes say."""
         leds = self.plan.world.panel.shape.leds
-        experiment, keys = self.plan.experiment, self.receivers.keys
-        errors = FrameErrors.unpacked(content, part.frames, leds, keys)
+        experiment = self.plan.experiment
+        errors = FrameErrors.unpacked(content, part.frames, leds, self.keys)
         # Frames may lie in none of several bins.
         least = -1 if experiment.axis == "contrast" else 0
         if errors.groups.min() < least or errors.groups.max() >= experiment.bins:

@@ -36,7 +36,7 @@ def job_of(
     if value is not None:
         point = experiment.point_name(value)
         model = experiment.model_at(plan.world, value)
-    return runner.Job(plan, model, point, runner.Banks(banks))
+    return runner.Job(plan, model, point, banks)
 
 
 def outcomes(

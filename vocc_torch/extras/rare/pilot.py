@@ -59,10 +59,9 @@ class WeighedJob(runner.Job):
 
 def weighed_job(job: runner.Job, workers: Workers) -> WeighedJob:
     """Give what counts a point on frames where errors are expected instead of those of its scenes."""
-    assert isinstance(job.receivers, runner.Banks)
-    banks = {locator: bank for locator, bank, _ in job.receivers.banks}
+    banks = {locator: bank for locator, bank, _ in job.banks}
     scenes = proposal(job.plan, banks, job.model, job.point, workers)
-    return WeighedJob(job.plan, scenes, job.point, job.receivers, name=job.name)
+    return WeighedJob(job.plan, scenes, job.point, job.banks, job.name)
 
 
 def proposal(
