@@ -32,7 +32,7 @@ def few(monkeypatch):
         (run, {"round_steps": 1, "mined_frames": 4}),
     ):
         monkeypatch.setattr(module, "SETTINGS", replace(module.SETTINGS, **settings))
-    few = {"rendered": 4, "near": 2, "empty": 2, "clutter": 1}
+    few = {"rendered": 4, "near": 2, "clutter": 3}
     for sampler in run.SAMPLERS.values():
         settings = replace(sampler.settings, **few)
         monkeypatch.setattr(sampler, "settings", settings)

@@ -43,12 +43,12 @@ class JudgeSettings:
 SETTINGS = JudgeSettings()
 
 
-def grown(shape: PanelShape) -> tuple[int, int]:
-    """Say how many times higher and wider than a square the pictures of candidates are, powers of 2.
+def samples_of(shape: PanelShape) -> tuple[int, int]:
+    """Say how many px the parts of SQUARE have in the pictures of candidates, down and across; powers of 2.
 
     Example:
-        >>> grown(PanelShape(4, 8)), grown(PanelShape(8, 16)), grown(PanelShape(32, 32))
-        ((1, 1), (1, 2), (2, 2))
+        >>> samples_of(PanelShape(4, 8)), samples_of(PanelShape(8, 16)), samples_of(PanelShape(32, 32))
+        ((2, 2), (2, 4), (4, 4))
     """
     down, across = (
         2 ** max(0, round(math.log2(leds / SETTINGS.leds)))
@@ -56,12 +56,6 @@ def grown(shape: PanelShape) -> tuple[int, int]:
     )
     while down * across > SETTINGS.most_grown:
         down, across = (down // 2, across) if down > across else (down, across // 2)
-    return down, across
-
-
-def samples_of(shape: PanelShape) -> tuple[int, int]:
-    """Say how many px the parts of SQUARE have in the pictures of candidates, down and across."""
-    down, across = grown(shape)
     return SETTINGS.samples * down, SETTINGS.samples * across
 
 

@@ -12,7 +12,7 @@ from torch.nn import functional
 from vocc_torch.receiver.detector.judge import judged, pitch_of
 from vocc_torch.receiver.detector.placer import asides, placed, placed_in_views, slips
 from vocc_torch.receiver.detector.pyramid import Pyramid
-from vocc_torch.receiver.detector.scout import propose
+from vocc_torch.receiver.detector.scout import firsts, propose
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.types import Frames, PanelShape
 
@@ -163,16 +163,10 @@ def flattened(quads: Tensor, shape: PanelShape) -> Tensor:
     return quads - (1 - min(1.0, side) ** 2) * perspective
 
 
-def apart(quads: Tensor, odds: Tensor) -> list[int]:
+def apart(quads: Tensor, odds: Tensor) -> Tensor:
     """Return the rows of candidates, best first, without candidates that overlap a better one."""
-    order = odds.argsort(descending=True, stable=True).tolist()
+    order = odds.argsort(descending=True, stable=True)
+    quads = quads[order]
     centre, size = quads.mean(1), (quads[:, 0] - quads[:, 2]).norm(dim=1)
-    rows: list[int] = []
-    for row in order:
-        near = [
-            float((centre[row] - centre[other]).norm() / size[other].clamp(min=1e-6))
-            for other in rows
-        ]
-        if all(distance >= SETTINGS.apart for distance in near):
-            rows.append(row)
-    return rows
+    away = (centre[:, None] - centre).norm(dim=2) / size.clamp(min=1e-6)[:, None]
+    return order[firsts(away < SETTINGS.apart, len(order))]

@@ -119,7 +119,10 @@ def places_of_cells(
     The other arguments are those of :meth:`Pyramid.read_cells`.
     """
     down, across = _axes(shape, samples, margin, quads.device)
-    level = level_of(quads, shape, samples, len(sizes))
+    # The levels in which samples are nearest to a pixel apart.
+    apart = torch.stack(cell_size_px(quads, shape), 1)
+    apart = (apart / apart.new_tensor(samples[::-1])).amax(1).clamp(min=1e-3)
+    level = apart.log2().round().clamp(0, len(sizes) - 1).long()
     scale, start, first, last = (
         part[level, :, None] for part in places_of(sizes, quads.device)
     )
@@ -128,16 +131,6 @@ def places_of_cells(
     places = grid_places(at, across, down)
     places = places.maximum(first[..., None]).minimum(last[..., None])
     return places.permute(0, 2, 3, 1)
-
-
-def level_of(
-    quads: Tensor, shape: PanelShape, samples: tuple[int, int], levels: int
-) -> Tensor:
-    """Choose the levels (n,) in which the samples of cells are nearest to a pixel apart."""
-    sides = torch.stack(cell_size_px(quads, shape), 1)
-    sides = sides / sides.new_tensor(samples[::-1])
-    level = sides.amax(1).clamp(min=1e-3).log2().round()
-    return level.clamp(0, levels - 1).long()
 
 
 @lru_cache(maxsize=32)

@@ -142,13 +142,23 @@ def peaks(score: Tensor, outputs: Tensor, most: int) -> Peaks:
 def distinct(quads: Tensor, score: Tensor, most: int) -> Tensor:
     """Return the rows of the best candidates, at most one for each place."""
     order = score.argsort(descending=True, stable=True)
-    left = same_place(quads[order]).cpu().numpy()
+    return order[firsts(same_place(quads[order]), most)]
+
+
+def firsts(same: Tensor, most: int) -> list[int]:
+    """Choose the first candidates of which none is the same, (n,n) bool, as one chosen before.
+
+    Example:
+        >>> firsts(torch.eye(4).bool() | torch.tensor([False, True, False, False]), 2)
+        [0, 2]
+    """
+    left = same.cpu().numpy()
     chosen: list[int] = []
     taken = np.zeros(len(left), bool)
     while len(chosen) < most and not taken.all():
         chosen.append(int(taken.argmin()))
         taken |= left[chosen[-1]]
-    return order[chosen]
+    return chosen
 
 
 def same_place(quads: Tensor) -> Tensor:
@@ -204,13 +214,32 @@ def _in_canvas(
         canvas[0, 0, top : top + high, left : left + wide] = small[number]
         rows = slice(top // step - 1, -(-(top + high) // step) + 1)
         owner[rows, left // step - 1 : -(-(left + wide) // step) + 1] = number
-    outputs = net(canvas)
+    origin = torch.tensor(origins, device=mean.device).flip(1)
+    level = torch.arange(large, len(levels), device=mean.device)
+    return _best(net(canvas), size, owner[None], origin, level)
+
+
+def _best(
+    outputs: Tensor, size: int, owner: Tensor, origin: Tensor, level: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Take the best outputs (B,11,h,w) for panels of a size.
+
+    Args:
+        outputs: of the scout.
+        size: number of the score.
+        owner: (B,h,w) number of the part of a level that an output belongs to, -1 for none.
+        origin: (n,2) px of parts in their pictures.
+        level: (n,) of parts.
+
+    Returns:
+        Corners (n,4,2) px of the frame, scores (n,) and levels (n,).
+    """
     score = outputs[:, size].masked_fill(owner < 0, -torch.inf)
     found = peaks(score, outputs, SETTINGS.peaks)
-    level = owner[found.place[:, 1], found.place[:, 0]].clamp(min=0)
-    origin = torch.tensor(origins, device=level.device)[level].flip(1)
-    quads, level = found.quads.double() - origin[:, None], large + level
-    return quads * 2.0 ** level[:, None, None], found.score, level
+    column, row = found.place.unbind(1)
+    part = owner[found.picture, row, column]
+    quads = found.quads.double() - origin[part, None]
+    return quads * 2.0 ** level[part, None, None], found.score, level[part]
 
 
 def _nothing(like: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -264,14 +293,10 @@ def _in_tiles(
         canvas = functional.pad(level, around, value=mean)
         views = canvas.unfold(0, side, tile).unfold(1, side, tile)
         tiles.append(views[row, column][:, None])
-        places.append(torch.stack([column, row], 1) * tile - margin)
+        places.append(margin - torch.stack([column, row], 1) * tile)
         numbers.append(torch.full_like(row, number))
-    outputs = net(torch.cat(tiles))
-    edge = margin // SETTINGS.stride_px
-    score = outputs[:, size]
-    score[:, :edge] = score[:, -edge:] = -torch.inf
-    score[:, :, :edge] = score[:, :, -edge:] = -torch.inf
-    found = peaks(score, outputs, SETTINGS.peaks)
-    quads = found.quads.double() + torch.cat(places)[found.picture, None]
-    of_level = torch.cat(numbers)[found.picture]
-    return quads * 2.0 ** of_level[:, None, None], found.score, of_level
+    level, inner = torch.cat(numbers), tile // SETTINGS.stride_px
+    owner = torch.arange(len(level), device=level.device)[:, None, None]
+    edges = (margin // SETTINGS.stride_px,) * 4
+    owner = functional.pad(owner.expand(-1, inner, inner), edges, value=-1)
+    return _best(net(torch.cat(tiles)), size, owner, torch.cat(places), level)

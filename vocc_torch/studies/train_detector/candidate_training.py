@@ -65,14 +65,11 @@ class CandidateSampler(Sampler):
     def moved(self, found: Found, form: Form, rough: bool) -> Tensor:
         """Move corners (n,4,2) px in the candidates' cells."""
         count = len(found.frame)
-        off = self.off(count, form) if rough else self.slight(count)
+        off = self.settings.small * self.normal(count, 1, 2)
+        off = self.off(count, form) if rough else off
         return map_points(
             found.quads, corner_cells(form.cells).to(off) + off, form.cells
         )
-
-    def slight(self, count: int) -> Tensor:
-        """Draw small moves (n,1,2), cells."""
-        return self.settings.small * self.normal(count, 1, 2)
 
     def normal(self, *size: int) -> Tensor:
         """Draw standard normal numbers, float64."""
@@ -85,12 +82,12 @@ class CandidateSampler(Sampler):
         rough = rough[torch.randint(len(rough), (count, 1, 1))]
         corners = corner_cells(form.cells).to(rough)
         away = corners - corners.mean(0)
-        size = options.size * self.normal(count, 1, 1)
-        size = size + options.aspect * self.normal(count, 1, 2)
-        x, y = (away * (rough * size).exp()).unbind(2)
-        turn = (options.turn * rough * self.normal(count, 1, 1))[:, 0]
-        sine, cosine = turn.sin(), turn.cos()
-        turned = torch.stack([x * cosine - y * sine, x * sine + y * cosine], 2)
+        stretch = (rough * options.aspect * self.normal(count, 1, 2)).exp()
+        growth, turn = (
+            spread * self.normal(count, 1) for spread in (options.size, options.turn)
+        )
+        power = (rough[:, 0] * torch.complex(growth, turn)).exp()
+        turned = torch.view_as_real(torch.view_as_complex(away * stretch) * power)
         shift = options.shift * self.normal(count, 1, 2)
         shift = shift + options.bend * self.normal(count, 4, 2)
         return turned - away + rough * shift

@@ -26,8 +26,7 @@ class JudgeTraining(CandidateTraining):
     shape_shares: tuple[float, ...] = (0.6, 0.15, 0.17, 0.08)
     rendered: int = 50
     near: int = 20
-    empty: int = 14
-    clutter: int = 44
+    clutter: int = 58
     rough: tuple[float, ...] = (0.1, 0.3, 0.3, 0.6, 0.6, 1.0, 1.3)
     size: float = 0.16
     aspect: float = 0.08
@@ -90,12 +89,11 @@ def judge_loss(logit: Tensor, maps: Tensor, form: Form, pictures: Pictures) -> T
     inside = ((corners > 1) & (corners < heat_px * most - 1)).all(2)
     inside &= pictures.panel[:, None]
     # Each corner is shared among the four places around it.
-    place = (corners / heat_px - 0.5).clamp(min=0).minimum(most - 1)
-    x, y = (torch.arange(side, device=maps.device) for side in (wide, high))
-    share_x = (1 - (place[..., :1] - x).abs()).clamp(min=0)
-    share_y = (1 - (place[..., 1:] - y).abs()).clamp(min=0)
-    likely = maps.flatten(2).log_softmax(2).view_as(maps)
-    cost = -(share_y[..., None] * share_x[..., None, :] * likely).sum((2, 3))
+    likely = maps.flatten(2).log_softmax(2).view(-1, 1, high, wide)
+    place = (2 * corners / (heat_px * most) - 1).view(-1, 1, 1, 2)
+    cost = -functional.grid_sample(
+        likely, place, padding_mode="border", align_corners=False
+    ).view(-1, 4)
     off = functional.smooth_l1_loss(
         corners_of(maps), corners, beta=options.corner_beta_px, reduction="none"
     )

@@ -31,8 +31,7 @@ class PlacerTraining(CandidateTraining):
     shape_shares: tuple[float, ...] = (3.0, 5.0, 1.0, 1.5, 1.0, 0.5)
     rendered: int = 60
     near: int = 20
-    empty: int = 8
-    clutter: int = 68
+    clutter: int = 76
     rough: tuple[float, ...] = (0.03, 0.15, 0.4, 1.0)
     size: float = 0.0
     aspect: float = 0.04

@@ -191,10 +191,8 @@ class Form:
 
     @property
     def px(self) -> int:
-        """Pixels of the picture."""
-        rows, columns = self.cells.rows, self.cells.columns
-        beyond, (down, across) = 2 * self.margin, self.samples
-        return (rows + beyond) * down * (columns + beyond) * across
+        """Pixels of the picture without its margin."""
+        return self.cells.leds * self.samples[0] * self.samples[1]
 
     @property
     def transposed(self) -> "Form":

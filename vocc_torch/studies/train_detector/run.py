@@ -125,11 +125,11 @@ def train_part(
         net.parameters(), SETTINGS.rate, weight_decay=SETTINGS.decay
     )
     done, mean = 0, deepcopy(net)
+    parts = {"net": net, "mean": mean, "optimiser": optimiser}
     if path.exists():
         state = read_state(path, device)
-        net.load_state_dict(state["net"])
-        mean.load_state_dict(state["mean"])
-        optimiser.load_state_dict(state["optimiser"])
+        for name, trained in parts.items():
+            trained.load_state_dict(state[name])
         done = int(state["steps"])
     sampler = SAMPLERS[part](pool, scale)
     usable = (pool.readable | pool.empty).nonzero()[:, 0]
@@ -150,12 +150,8 @@ def train_part(
                 descend(optimiser, loss, rate_at(step, steps))
                 average(mean, net, step)
                 total += loss.detach()
-            state = {
-                "net": net.state_dict(),
-                "mean": mean.state_dict(),
-                "optimiser": optimiser.state_dict(),
-                "steps": taken.stop,
-            }
+            state = {name: trained.state_dict() for name, trained in parts.items()}
+            state["steps"] = taken.stop
             with atomic_file(path) as temporary:
                 torch.save(state, temporary)
             loss_of_step = float(total) / len(taken)

@@ -43,8 +43,6 @@ class SamplingSettings:
     near: float = 0.3  # of a side, corners that a network can move to the panel
     clear: float = 0.6  # of a diagonal, centres farther away are of clutter
     least_weight: float = 0.05  # of unlikely candidates in a draw; likely ones have 1
-    level_shares: tuple[float, ...] = (0.51, 0.31, 0.18)  # of a frame's finest levels
-    side_px: tuple[float, float] = (12.0, 200.0)  # of places without a panel
 
 
 SETTINGS = SamplingSettings()
@@ -109,7 +107,6 @@ class Training:
     # Pictures of a batch.
     rendered: int  # with a panel, about its true corners
     near: int  # candidates of the networks before, with a panel
-    empty: int  # places without a panel
     clutter: int  # candidates of the networks before, without a panel
 
 
@@ -154,39 +151,29 @@ class Sampler(ABC):
     def batch(self) -> tuple[Form, Pictures]:
         """Draw a batch of pictures of one form, whose rows are columns in half of the batches."""
         options = self.settings
-        number = int(torch.tensor(options.shape_shares).multinomial(1))
+        there = torch.tensor([len(found.frame) > 0 for found in self.rendered])
+        number = int((torch.tensor(options.shape_shares) * there).multinomial(1))
         form = self.forms[number]
         # Larger pictures take longer.
         share = self.scale * self.forms[0].px / form.px
-        rendered, near, empty, clutter = (
-            max(1, round(share * count))
-            for count in (
-                options.rendered,
-                options.near,
-                options.empty,
-                options.clutter,
-            )
+        sources = (
+            (self.rendered[number], options.rendered, True),
+            (self.near[number], options.near, False),
+            (self.clutter[number], options.clutter, False),
         )
-        panels = self.rendered[number].drawn(rendered)
-        others = [
-            self.near[number].drawn(near),
-            self.empty_places(empty),
-            self.clutter[number].drawn(clutter),
+        drawn = [
+            (found.drawn(max(1, round(share * count))), rough)
+            for found, count, rough in sources
         ]
-        looks = (panels, True), (joined(others), False)
-        quads = torch.cat([self.moved(found, form, rough) for found, rough in looks])
-        found = joined([found for found, _ in looks])
+        quads = torch.cat([self.moved(found, form, rough) for found, rough in drawn])
+        found = joined([found for found, _ in drawn])
+        views = torch.tensor(VIEWS)
         if torch.rand(()) < 0.5:
-            form, order = form.transposed, torch.tensor(VIEWS)[:, list(TRANSPOSED)]
-        else:
-            order = torch.tensor(VIEWS)
-        order = order.to(quads.device)[torch.randint(len(VIEWS), (len(quads),))]
-        order = order[..., None].expand(-1, -1, 2)
-        return form, self.seen(
-            found._replace(truth=found.truth.gather(1, order)),
-            quads.gather(1, order),
-            form,
-        )
+            form, views = form.transposed, views[:, list(TRANSPOSED)]
+        order = views[torch.randint(len(views), (len(quads), 1))]
+        order = order.mT.expand(-1, -1, 2).to(quads.device)
+        found = found._replace(truth=found.truth.gather(1, order))
+        return form, self.seen(found, quads.gather(1, order), form)
 
     def seen(self, found: Found, quads: Tensor, form: Form) -> Pictures:
         """Read pictures about corners (n,4,2) px of the frames of candidates."""
@@ -196,21 +183,6 @@ class Sampler(ABC):
         corners = cells_at(found.truth, quads, form.cells).float()
         corners = corners * panel[:, None, None]
         return Pictures(grey, corners, panel, self.pool.shapes[found.frame])
-
-    def empty_places(self, count: int) -> Found:
-        """Draw upright squares anywhere in frames without a panel."""
-        options, device = SETTINGS, self.pool.device
-        frames = self.pool.empty.nonzero()[:, 0]
-        frame = frames[torch.randint(len(frames), (count,), device=device)]
-        shares = torch.tensor(options.level_shares, device=device)
-        level = shares.multinomial(count, replacement=True)
-        low, high = options.side_px
-        side = low * (high / low) ** torch.rand(count, 1, 1, device=device).double()
-        centre = torch.rand(count, 1, 2, device=device).double()
-        centre = centre * centre.new_tensor(self.pool.sizes[0]).flip(0)
-        quads = centre + side * (corner_cells(UNIT).to(side) - 0.5)
-        score = torch.zeros_like(frame, dtype=torch.float32)
-        return Found(frame, level, quads, score, torch.zeros_like(quads))
 
 
 def panels_of(pool: Pool, frame: Tensor, level: Tensor) -> Found:

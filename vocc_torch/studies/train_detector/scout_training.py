@@ -1,6 +1,5 @@
 """Training of the scout, on crops with and without panels."""
 
-import math
 from dataclasses import dataclass
 
 import torch
@@ -38,8 +37,7 @@ class ScoutTraining(Training):
     shape_shares: tuple[float, ...] = (1.0,)
     rendered: int = 38
     near: int = 0
-    empty: int = 10
-    clutter: int = 24
+    clutter: int = 34
     crop_px: int = 128
     least_pitch_px: float = 1.8  # of LEDs that the scout is to find
     most_pitch_px: float = 4.6  # the next level shows larger ones
@@ -51,7 +49,6 @@ class ScoutTraining(Training):
     corner_weight: float = 12.0
     small_px: float = 30.0  # diagonal of panels whose corners' errors count fully
     corner_beta: float = 0.05
-    mined_score: float = -4.0
     alike: float = 1.2  # ratio to a limit of sizes, within which panels may be of both
     other_weight: float = 0.5  # of scores for other sizes where a panel is
 
@@ -104,8 +101,7 @@ class ScoutSampler(Sampler):
     def mine(self, networks: Networks, frames: Tensor) -> None:
         """Find places in frames without a panel that the scout takes for one."""
         empty = frames[self.pool.empty[frames]]
-        found = proposals(networks.scout, self.pool, empty)
-        self.clutter = [found.rows(found.score > SETTINGS.mined_score)]
+        self.clutter = [proposals(networks.scout, self.pool, empty)]
 
     def loss(self, net: scout.Scout) -> Tensor:
         """Give the loss of a batch."""
@@ -115,12 +111,15 @@ class ScoutSampler(Sampler):
 
 def sizes_of(shapes: Tensor) -> tuple[Tensor, Tensor]:
     """Say of the sizes of panels (B,2) which score is theirs, and which are surely not, (B,3,1,1) bool each."""
-    side = shapes.prod(1, keepdim=True).sqrt().clamp(min=1e-3)
-    limits = side.new_tensor([0.0, *scout.SIZES, math.inf])
-    least, most, alike = limits[:-1], limits[1:], SETTINGS.alike
-    own = (side >= least) & (side < most)
-    others = (side * alike < least) | (side >= most * alike)
-    return own[..., None, None], others[..., None, None]
+    side = shapes.float().prod(1, keepdim=True).sqrt()
+    limits, alike = side.new_tensor(scout.SIZES), SETTINGS.alike
+    least, own, most = (
+        torch.bucketize(side * ratio, limits, right=True)
+        for ratio in (1 / alike, 1, alike)
+    )
+    number = torch.arange(scout.SCORES, device=side.device)
+    others = (number < least) | (number > most)
+    return (number == own)[..., None, None], others[..., None, None]
 
 
 def scout_loss(outputs: Tensor, batch: Pictures) -> Tensor:
@@ -139,7 +138,7 @@ def scout_loss(outputs: Tensor, batch: Pictures) -> Tensor:
     inside = ((centre > 0) & (centre < high * stride)).all(3)
     near = (apart < options.near_px) | (nearest & (apart < stride))
     there = panel & inside & near
-    own, others = sizes_of(batch.shapes.float())
+    own, others = sizes_of(batch.shapes)
     logit = outputs[:, : scout.SCORES]
     right = (there[:, None] & own).float()
     cost = binary_focal_loss_with_logits(logit, right, alpha=None)
