@@ -30,7 +30,7 @@ from vocc_torch.measure.link import Link, Observation, block_keys
 from vocc_torch.measure.plan import World
 from vocc_torch.measure.timing import describe_machine, interleaved, median_of
 from vocc_torch.plugins import one_line
-from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.receiver.deciders import bank_of
 from vocc_torch.receiver.features import led_features, rectified_means
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
@@ -131,8 +131,8 @@ def equality(settings: Settings) -> Iterator[Row]:
         for pair in zip(*views, strict=True):
             decided = []
             for seen, device in zip(pair, ("cpu", settings.device), strict=True):
-                bank = ReceiverBank(["flda_3"], flda).to(torch.device(device))
-                bits = bank.scores(seen.readings, None)["flda_3"] >= 0
+                decider = bank_of(["flda_3"], flda)["flda_3"].to(torch.device(device))
+                bits = decider.score(seen.readings) >= 0
                 halves = half_errors(bits, seen.bits, seen.panels.found)
                 errors[device] += int(halves.sum())
                 decided.append((bits & seen.panels.found.view(-1, 1, 1)).cpu())
@@ -172,7 +172,7 @@ def stages_of(
 ) -> tuple[Callable[[], None], dict[str, Callable[[], Any]]]:
     """Give the whole link on a batch, and its stages, each on what the one before it gave last."""
     link, world = link_on(device, batch)
-    bank = ReceiverBank(["flda_3"], flda).to(torch.device(device))
+    decider = bank_of(["flda_3"], flda)["flda_3"].to(torch.device(device))
     keys = block_keys(0, "gpu", batch)
     drawn = [world.scene.draw(key, SHAPE) for key in keys]
     scene = type(drawn[0][0]).cat([one for one, _ in drawn])[:batch]
@@ -191,7 +191,7 @@ def stages_of(
         kept["readings"] = link.reader.read(kept["frames"], kept["panels"])
 
     def decide() -> None:
-        bits = bank.scores(kept["readings"], None)["flda_3"] >= 0
+        bits = decider.score(kept["readings"]) >= 0
         there = sent.to(device, non_blocking=True)
         kept["errors"] = half_errors(bits, there, kept["panels"].found)
 
@@ -265,14 +265,14 @@ def receiver(settings: Settings) -> Iterator[Row]:
     torch.set_num_threads(settings.cpu_threads)
 
     def reading(device: str, frames: torch.Tensor) -> Callable[[], None]:
-        bank = ReceiverBank(["flda_3"], flda).to(torch.device(device))
+        decider = bank_of(["flda_3"], flda)["flda_3"].to(torch.device(device))
         locator, reader = PaperLocator(), Reader(SHAPE)
 
         def read() -> None:
             for part in frames.split(settings.full_batch):
                 there = Frames.whole(part.to(device, non_blocking=True))
                 panels = locator(there, SHAPE)
-                bank.scores(reader.read(there, panels), None)
+                decider.score(reader.read(there, panels))
 
         return read
 

@@ -8,7 +8,7 @@ from made_up_tallies import errors_of
 from vocc_torch.measure import runner, sweep
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
-from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.receiver.deciders import bank_of
 
 LEDS = 64
 A = Key("truth", "a"), 0
@@ -17,9 +17,7 @@ A = Key("truth", "a"), 0
 
 def banks(plan, fldas):
     """The plan's receivers with each locator's training."""
-    return {
-        name: ReceiverBank(plan.receiver.names, flda) for name, flda in fldas.items()
-    }
+    return {name: bank_of(plan.receiver.names, flda) for name, flda in fldas.items()}
 
 
 def job_of(plan, of_locators, value):

@@ -18,7 +18,7 @@ from vocc_torch.measure import link as link_module
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.train import train
-from vocc_torch.receiver.bank import FLDA_FEATURES
+from vocc_torch.receiver.deciders import FLDA_FEATURES
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution, Simulator
@@ -79,7 +79,11 @@ def scores_of(plan, bank, locator, model, seed):
     (seen,) = link.observe(
         model, [BlockKey(seed, "swapped", 0)], preambles=True, frames=24
     )
-    return bank.scores(seen.readings, seen.preambles), seen.bits
+    scores = {
+        name: decider.score(seen.readings, seen.preambles)
+        for name, decider in bank.items()
+    }
+    return scores, seen.bits
 
 
 @pytest.mark.parametrize("locator", ["paper", "refined"])
@@ -119,18 +123,18 @@ def test_with_true_corners_it_sees_them_and_nothing_else_of_the_truth(plan, bank
 
 def reads_the_bits(monkeypatch):
     """A reader whose features carry what was sent, too faint to see."""
-    made, read = link_module.Observation, Reader.read_takes
+    made, read = link_module.Observation, Reader.read
 
     def observed(scene, bits, *rest):
-        def leaky(reader, takes, panels):
-            readings, levels = read(reader, takes, panels)
+        def leaky(reader, frames, panels, *needed):
+            readings = read(reader, frames, panels, *needed)
             faint = readings.features + 1e-6 * bits[..., None]
             patches = readings.patches + 1e-2 * bits.double().mean((1, 2)).view(
                 -1, 1, 1, 1
             )
-            return readings._replace(features=faint, patches=patches), levels
+            return readings._replace(features=faint, patches=patches)
 
-        monkeypatch.setattr(Reader, "read_takes", leaky)
+        monkeypatch.setattr(Reader, "read", leaky)
         return made(scene, bits, *rest)
 
     monkeypatch.setattr(link_module, "Observation", observed)
@@ -148,12 +152,12 @@ def test_bits_hidden_in_what_a_receiver_sees_are_found(plan, bank, tape, monkeyp
 def test_no_receiver_learns_from_what_it_is_asked(plan, bank):
     before = {
         name: pickle.dumps(one)
-        for name, one in bank.deciders.items()
+        for name, one in bank.items()
         if name not in FLDA_FEATURES
     }
     scores_of(plan, bank, "paper", plan.world.scene, seed=6)
     assert {
         name: pickle.dumps(one)
-        for name, one in bank.deciders.items()
+        for name, one in bank.items()
         if name not in FLDA_FEATURES
     } == before

@@ -33,7 +33,7 @@ from vocc_torch.measure.plan import Experiment, Plan, ReceiverPlan, World, ident
 from vocc_torch.measure.schema import options_of, refuse_shadowed, typed
 from vocc_torch.measure.store import Store
 from vocc_torch.plugins import TARGET, demand_plain, is_target
-from vocc_torch.receiver.bank import FLDA_FEATURES
+from vocc_torch.receiver.deciders import FLDA_FEATURES
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.receiver import Receiver

@@ -28,7 +28,7 @@ from vocc_torch.app import cli
 from vocc_torch.app.config import NAMES
 from vocc_torch.measure.curve import COLUMNS
 from vocc_torch.measure.plan import OWN_LOCATORS
-from vocc_torch.receiver.bank import RECEIVER_NAMES
+from vocc_torch.receiver.deciders import RECEIVER_NAMES
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
 

@@ -25,7 +25,7 @@ from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.plan import Experiment, Plan, ReceiverPlan, World
 from vocc_torch.measure.runner import Part, PointTask, parts_of
 from vocc_torch.measure.store import Store
-from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.receiver.deciders import bank_of
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.rng import BLOCK_FRAMES
 
@@ -310,7 +310,7 @@ def test_a_block_of_a_group_that_its_point_does_not_have_is_refused(
     """As a ledger that is forged and sealed may have it."""
     world, budget = World(device="cpu"), Budget(64)
     plan = Plan(world, ReceiverPlan(), Experiment("e", axis, values), budget)
-    bank = ReceiverBank(["average_greyscale"], FLDA(3))
+    bank = bank_of(["average_greyscale"], FLDA(3))
     job = runner.Job(plan, world.scene, "e", [("truth", bank, 0)])
     groups = np.full(64, group)
     errors = errors_of(0 * groups[None], 64, keys=job.keys, groups=groups)

@@ -1,19 +1,19 @@
 """Each time is that of the stage, the receiver and the batch that it is told for."""
 
 import itertools
+from functools import partial
 
 import pytest
 import torch
 
 from vocc_torch.measure import link, stage_times
-from vocc_torch.measure.stage_times import STAGES, Exposure
-from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.measure.stage_times import STAGES, Exposure, TimedReceiver
 from vocc_torch.receiver.classifiers import Inputs, PanelOtsu, Patch
 from vocc_torch.receiver.classifiers.protocol import Guarded
+from vocc_torch.receiver.deciders import bank_of
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
-from vocc_torch.receiver.receiver import StagedReceiver
 from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.types import PanelShape
 
@@ -27,19 +27,19 @@ CPU = torch.device("cpu")
 GREYSCALE = ("center_greyscale", "average_greyscale")
 
 
-def receiver(locator, name, samples=8, dtype=torch.float32):
+def receiver(locator, name, samples=8):
     flda = FLDA(3)
     flda.update(
         torch.rand(64, 3, generator=torch.Generator().manual_seed(0)),
         torch.arange(64) % 2,
     )
     otsu = Guarded("otsu", PanelOtsu(), Inputs((), Patch(1, 4, relative="white")))
-    bank = ReceiverBank([name], flda, {"otsu": otsu})
-    return StagedReceiver(bank, Reader(SHAPE, samples), LOCATORS[locator], dtype)
+    decider = bank_of([name], flda, {"otsu": otsu})[name]
+    return TimedReceiver(decider, Reader(SHAPE, samples), LOCATORS[locator])
 
 
 KINDS = [[name] for name in (*GREYSCALE, "flda_2", "flda_3", "otsu")]
-KINDS += [["flda_3", 4], ["flda_3", 8, torch.float64]]
+KINDS += [["flda_3", 4]]
 RECEIVERS = {
     (locator, *kind): receiver(locator, *kind) for locator in LOCATORS for kind in KINDS
 }
@@ -62,14 +62,18 @@ def recorded(make_plan):
         make_plan(scene=scene, camera=camera).world, scene, keys, preambles=True
     )
     log, made, numbers = [], {}, itertools.count(1)
+    chain = stage_times.chain
 
-    def spied(stage, original):
-        def call(one, *given):
-            ended = original(one, *given)
-            log.append((stage, one, given, ended))
+    def spied(name, one, device):
+        def call(stage, run, batch):
+            ended = run(batch)
+            log.append((stage, one, batch, ended))
             return ended
 
-        return call
+        return {
+            stage: (key, partial(call, stage, run))
+            for stage, (key, run) in chain(name, one, device).items()
+        }
 
     def numbered(calls, repeats, device, *, warm_up, primed):
         assert (warm_up, primed) == (1, True)
@@ -83,10 +87,7 @@ def recorded(make_plan):
         return timed
 
     with pytest.MonkeyPatch.context() as patch:
-        for stage in ("locate", "rectify", "measure", "decide"):
-            patch.setattr(
-                StagedReceiver, stage, spied(stage, getattr(StagedReceiver, stage))
-            )
+        patch.setattr(stage_times, "chain", spied)
         patch.setattr(stage_times.timing, "interleaved", numbered)
         named = {str(key): one for key, one in RECEIVERS.items()}
         return stage_times.time_stages(named, exposure, BATCH, 2, CPU), made
@@ -106,28 +107,32 @@ def test_each_stage_is_the_receivers_own_on_one_batch(recorded):
         absent = {"locate"} if one.locator is None else set()
         absent |= {"rectify"} if key[1] == "center_greyscale" else set()
         assert set(STAGES) - set(did) == absent | {"preambles"}, key
-        ((_, own, (frames, panels, patches), readings),) = did["features"]
-        assert (own.bank.names, own.reader, own.dtype) == (
-            one.bank.names,
-            one.reader,
-            one.dtype,
-        )
-        assert own.locator == one.locator
+        ((_, own, batch, readings),) = did["features"]
+        assert own == one
+        frames, panels = batch["read",], batch["locate", one.locator]
         assert (frames.grey.dtype, len(frames)) == (torch.uint8, BATCH)
         assert torch.equal(
             corners.setdefault(one.locator, panels.corners_px), panels.corners_px
         )
         if "rectify" in did:
-            side = (8 + 2) * one.reader.samples_per_led
-            assert (patches.dtype, patches.shape) == (one.dtype, (BATCH, 1, side, side))
-            assert torch.equal(did["rectify"][0][-1], patches)
+            samples = one.reader.samples_per_led
+            patches = did["rectify"][0][-1]
+            side = (8 + 2) * samples
+            assert (patches.dtype, patches.shape) == (
+                torch.float32,
+                (BATCH, 1, side, side),
+            )
+            assert torch.equal(batch["rectify", one.locator, samples], patches)
         if "locate" in did:
-            assert did["locate"][0][1].locator == one.locator
+            assert torch.equal(did["locate"][0][-1].corners_px, panels.corners_px)
         # What is decided on is what this receiver has measured, on the same batch.
-        ((_, own, decided, _),) = did["classify"]
-        assert own.bank.names == one.bank.names
-        assert torch.equal(decided[0].features, readings.features)
-        assert (decided[1] is not None) == (key[1] in GREYSCALE)
+        ((_, own, decided, bits),) = did["classify"]
+        assert own == one
+        measured = decided["features", str(key)]
+        assert torch.equal(measured.features, readings.features)
+        lit = decided.get(("preambles", str(key)))
+        assert (lit is not None) == (key[1] in GREYSCALE)
+        assert torch.equal(bits, one.decider.score(measured, lit) >= 0)
         # Two frames of known bits are read and measured for each.
         one_more = rounds["read"][0] + rounds["rectify"][0] + rounds["features"][0]
         assert rounds["preambles"][0] == pytest.approx(

@@ -11,7 +11,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.measure.train import train
-from vocc_torch.receiver.bank import feature_indices
+from vocc_torch.receiver.deciders import feature_indices
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import Distribution
 from vocc_torch.types import Panels

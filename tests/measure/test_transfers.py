@@ -8,7 +8,7 @@ from torch.overrides import TorchFunctionMode
 
 from vocc_torch.measure.counts import half_errors
 from vocc_torch.measure.link import Link, block_keys, misplaced, rendered
-from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.receiver.deciders import bank_of
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
@@ -115,7 +115,7 @@ def waits_there(name, args, kwargs, stays):
     return name in SHAPES or name in READS or name == "new_tensor" or not stays
 
 
-def batch_of(link, bank, card):
+def batch_of(link, decider, card):
     """Run one batch; give the waits by stage, and what came out."""
     spent, seen = {}, Counter(card.waits)
 
@@ -131,7 +131,7 @@ def batch_of(link, bank, card):
     note("locate")
     readings = link.reader.read(frames, panels)
     note("read")
-    decided = bank.scores(readings, None)["flda_3"] >= 0
+    decided = decider.score(readings) >= 0
     note("decide")
     halves = half_errors(decided, bits, panels.found)
     truth = link.simulator.true_panels(scene, names, rendered=True)
@@ -148,9 +148,9 @@ def test_the_host_waits_once_to_locate_and_once_to_read():
     decided, misplaced_there = flda.predict(seen.readings.features), seen.misplaced
     link.simulator.device = CUDA
     with torch.inference_mode(), Card() as card:
-        bank = ReceiverBank(["flda_3"], flda)
-        batch_of(link, bank, card)  # constants are moved once
-        spent, (halves, off, panels) = batch_of(link, bank, card)
+        decider = bank_of(["flda_3"], flda)["flda_3"]
+        batch_of(link, decider, card)  # constants are moved once
+        spent, (halves, off, panels) = batch_of(link, decider, card)
     waits = {stage: sum(counted.values()) for stage, counted in spent.items()}
     # The copies: what the ladder has to do, the corners. Kornia makes the kernel of its filter anew.
     assert waits == {"simulate": 0, "locate": 1, "read": 2, "decide": 0, "count": 0}, (

@@ -19,7 +19,7 @@ from vocc_torch import (
     Simulator,
     VoccError,
 )
-from vocc_torch.receiver.bank import ReceiverBank
+from vocc_torch.receiver.deciders import bank_of
 from vocc_torch.receiver.locators import PaperLocator, RefinedLocator
 from vocc_torch.receiver.reader import Reader
 
@@ -120,7 +120,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         lambda: Receiver("flda_3", PaperLocator(), Reader(), 3),
         "classifier is 3: it",
     ),
-    "bank's classifier": (lambda: ReceiverBank(["flda_3"], "flda"), "flda is 'flda'"),
+    "bank's classifier": (lambda: bank_of(["flda_3"], "flda"), "flda is 'flda'"),
     "load a number": (
         lambda: Receiver.load(5),
         "path is 5: it must be text, or a path",

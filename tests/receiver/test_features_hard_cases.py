@@ -13,7 +13,7 @@ from vocc_torch.receiver.features import (
     neighbour_greyscale_ratio,
 )
 from vocc_torch.receiver.locators import PaperLocator
-from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.reader import GREYS, Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.types import Frames, Panels, PanelShape
 
@@ -112,7 +112,7 @@ def test_grey_values_that_are_none():
         ):
             reader.read(frames, panels)
         with pytest.raises(VoccError, match=r"^frames.grey at a panel holds"):
-            reader.read_takes([Frames.whole(grey), frames], panels)
+            reader.read(frames, panels, GREYS)
         elsewhere = grey.clone()
         elsewhere[0, 0, 39, 0] = value
         same = reader.read(Frames.whole(elsewhere), panels).features

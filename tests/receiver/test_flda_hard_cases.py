@@ -136,7 +136,6 @@ def test_one_class_missing():
             fitted(x, bits),
             x,
         )
-        says = f"bits has no {name} sample: a discriminant needs both"
         refused(says, lambda x=only, y=labels: discriminant(x, y))
 
 

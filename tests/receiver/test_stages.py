@@ -4,17 +4,17 @@ import pytest
 import torch
 
 from vocc_torch.receiver import resample
-from vocc_torch.receiver.bank import (
+from vocc_torch.receiver.classifiers import Guarded, Inputs, PanelOtsu, Patch
+from vocc_torch.receiver.deciders import (
     GREYSCALE_RECEIVERS,
     RECEIVER_NAMES,
     Preambles,
-    ReceiverBank,
+    bank_of,
 )
-from vocc_torch.receiver.classifiers import Guarded, Inputs, PanelOtsu, Patch
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
-from vocc_torch.receiver.reader import Reader
-from vocc_torch.receiver.receiver import Receiver, StagedReceiver
+from vocc_torch.receiver.reader import GREYS, Reader
+from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import PanelShape
@@ -35,49 +35,49 @@ def link():
     ]
     panels = PaperLocator()(takes[0], PanelShape())
     flda = FLDA(3).fit(Reader().read(takes[0], panels).features, bits)
-    return takes, panels, flda
+    return takes, bits, panels, flda
 
 
-def test_all_receivers_share_the_stages(link):
-    takes, panels, flda = link
-    bank = ReceiverBank([*RECEIVER_NAMES, "otsu"], flda, {"otsu": OTSU})
-    staged = StagedReceiver(bank, Reader(), PaperLocator())
-    assert torch.equal(staged.locate(takes[0]).corners_px, panels.corners_px)
-    readings, (on, off) = Reader().read_takes(takes, panels)
-    wanted = bank.scores(readings, Preambles(on, off))
-    for scores in (
-        staged(takes[0], preambles=staged.preambles(*takes[1:], panels)),
-        staged(takes[0], panels, Preambles(on, off)),
-    ):
-        assert list(scores) == [*RECEIVER_NAMES, "otsu"]
-        assert all(torch.equal(scores[name], wanted[name]) for name in wanted)
+def test_all_receivers_share_the_readings(link):
+    takes, bits, panels, flda = link
+    bank = bank_of([*RECEIVER_NAMES, "otsu"], flda, {"otsu": OTSU})
+    assert list(bank) == [*RECEIVER_NAMES, "otsu"]
+    readings, *known = (Reader().read(take, panels) for take in takes)
+    lit = Preambles(*(Reader().read(take, panels, GREYS).greys for take in takes[1:]))
+    for preamble, reading in zip(lit, known, strict=True):
+        assert torch.equal(preamble.average, reading.greys.average)
+        assert torch.equal(preamble.centre, reading.greys.centre)
+    wrong = {
+        name: float(((decider.score(readings, lit) >= 0) != bits).double().mean())
+        for name, decider in bank.items()
+    }
+    assert wrong["flda_3"] == min(wrong.values()) < 0.05
+    # The neighbours alone say next to nothing.
+    assert wrong["flda_ngr"] == max(wrong.values()) < 0.6
 
 
 @pytest.mark.parametrize("name", [*RECEIVER_NAMES, "otsu"])
 def test_one_receiver_alone_decides_as_among_all_and_measures_no_more(
     link, name, monkeypatch
 ):
-    takes, panels, flda = link
-    readings, (on, off) = Reader().read_takes(takes, panels)
-    wanted = ReceiverBank([name], flda, {"otsu": OTSU}).scores(
-        readings, Preambles(on, off)
-    )[name]
-    staged = StagedReceiver(ReceiverBank([name], flda, {"otsu": OTSU}), Reader())
+    takes, _, panels, flda = link
+    readings, on, off = (Reader().read(take, panels) for take in takes)
+    lit = Preambles(on.greys, off.greys) if name in GREYSCALE_RECEIVERS else None
+    decider = bank_of([name], flda, {"otsu": OTSU})[name]
+    wanted = decider.score(readings, lit)
     if name == "center_greyscale":
         # No panel is resampled for single pixels.
         monkeypatch.setattr(resample, "_read", None)
-    patches = staged.rectify(takes[0], panels)
-    measured = staged.measure(takes[0], panels, patches)
-    given = Preambles(on, off) if name in GREYSCALE_RECEIVERS else None
-    assert torch.equal(staged.decide(measured, given)[name], wanted)
-    needed = [one in staged.bank.needed for one in ("agr", "gri", "ngr")]
+    measured = Reader().read(takes[0], panels, decider.features)
+    assert torch.equal(decider.score(measured, lit), wanted)
+    needed = [one in decider.features for one in ("agr", "gri", "ngr")]
     assert [bool(measured.features[..., column].any()) for column in range(3)] == needed
-    assert bool(measured.greys.centre.any()) == ("centre" in staged.bank.needed)
+    assert bool(measured.greys.centre.any()) == ("centre" in decider.features)
 
 
 def test_the_kept_receiver_decides_by_the_same_stages(link):
-    takes, panels, flda = link
+    takes, _, panels, flda = link
     kept = Receiver("flda_2", PaperLocator(), Reader(), flda.select([0, 1]))(takes[0])
-    scores = StagedReceiver(ReceiverBank(["flda_2"], flda), Reader())(takes[0], panels)
-    assert torch.equal(kept.scores, scores["flda_2"])
+    decider = bank_of(["flda_2"], flda)["flda_2"]
+    assert torch.equal(kept.scores, decider.score(Reader().read(takes[0], panels)))
     assert torch.equal(kept.corners_px, panels.corners_px)

@@ -146,7 +146,7 @@ def decoding() -> Iterator[Check]:
     bits = torch.rand(1, 8, 8, generator=torch.Generator().manual_seed(0)) < 0.5
     frames = Simulator(framing="full").render(Scene.of(distance_m=20.0), bits)
     with watch.stage("locate"):
-        panels = receiver.stages.locate(frames)
+        panels = receiver.locator(frames, receiver.shape)
     with watch.stage("read"):
         read = receiver(frames, panels).bits
     wrong = int((read != bits).sum())

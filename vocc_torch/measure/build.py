@@ -20,7 +20,7 @@ from vocc_torch.measure.config import (
     effect_settings,
 )
 from vocc_torch.plugins import TARGET, PlugIn, is_target
-from vocc_torch.receiver import bank, reader
+from vocc_torch.receiver import deciders, reader
 from vocc_torch.receiver.classifiers import Inputs, training
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.locators import PaperLocator
@@ -29,7 +29,7 @@ from vocc_torch.types import resolve_device
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
-RESERVED = (*bank.RECEIVER_NAMES, "flda", "_summary")
+RESERVED = (*deciders.RECEIVER_NAMES, "flda", "_summary")
 """Names that no classifier may have: those of receivers, and of the board that compares them."""
 
 
@@ -148,7 +148,7 @@ def receiver_plan(
         raise VoccError.of("receiver.save", "null", rule)
     if save is None:
         save = plugged_in[0].name if len(plugged_in) == 1 else "flda_3"
-    savable = *bank.FLDA_FEATURES, *(plan.name for plan in plugged_in)
+    savable = *deciders.FLDA_FEATURES, *(plan.name for plan in plugged_in)
     demand_word("receiver.save", save, savable)
     rates = (
         {} if receiver.false_alarms is None else {"false_alarms": receiver.false_alarms}

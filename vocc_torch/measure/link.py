@@ -9,9 +9,9 @@ import torch
 
 from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.plan import Plan
-from vocc_torch.receiver.bank import Preambles
+from vocc_torch.receiver.deciders import Preambles
 from vocc_torch.receiver.locators import PanelLocator
-from vocc_torch.receiver.reader import Greys, Reader, Readings
+from vocc_torch.receiver.reader import GREYS, Greys, Reader, Readings
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Frames, Panels, Scene
@@ -61,11 +61,13 @@ class Observation:
 
     @cached_property
     def _read(self) -> tuple[Readings, list[Greys]]:
-        if not self.preamble_panels:
-            return self.reader.read_takes(self.takes, self.panels)
-        panels = (self.panels, *self.preamble_panels)
-        readings, *known = map(self.reader.read, self.takes, panels)
-        return readings, [reading.greys for reading in known]
+        first, *known = self.takes
+        places = self.preamble_panels or [self.panels] * len(known)
+        lit = [
+            self.reader.read(take, panels, GREYS).greys
+            for take, panels in zip(known, places, strict=True)
+        ]
+        return self.reader.read(first, self.panels), lit
 
     @property
     def readings(self) -> Readings:

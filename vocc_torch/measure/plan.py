@@ -19,10 +19,10 @@ from vocc_torch.errors import (
 from vocc_torch.measure.config import Budget as Budget
 from vocc_torch.measure.config import Experiment as Experiment
 from vocc_torch.plugins import PlugIn
-from vocc_torch.receiver.bank import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.classifiers import Inputs
 from vocc_torch.receiver.classifiers.inputs import demand_features
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
+from vocc_torch.receiver.deciders import FLDA_FEATURES, check_receivers
 from vocc_torch.receiver.locators import (
     LOCATORS,
     PanelLocator,

@@ -24,7 +24,7 @@ from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.store import Store
-from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
+from vocc_torch.receiver.deciders import Bank, needs_preambles
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
@@ -59,7 +59,7 @@ def parts_of(frames: int) -> Iterator[Part]:
         yield Part(start // BLOCK_FRAMES, min(BLOCK_FRAMES, frames - start))
 
 
-NumberedBank: TypeAlias = tuple[str, ReceiverBank, int]
+NumberedBank: TypeAlias = tuple[str, Bank, int]
 """Receivers, the locator that they are trained with, and the number of their training."""
 
 
@@ -91,10 +91,11 @@ class Job:
 
     Example:
         >>> from vocc_torch.measure.plan import Experiment, ReceiverPlan, World
+        >>> from vocc_torch.receiver.deciders import bank_of
         >>> from vocc_torch.receiver.flda import FLDA
         >>> experiment = Experiment("d", "distance_m", (50.0,))
         >>> plan = Plan(World(device="cpu"), ReceiverPlan(), experiment, Budget(2))
-        >>> greyscale = "truth", ReceiverBank(["average_greyscale"], FLDA(3)), 0
+        >>> greyscale = "truth", bank_of(["average_greyscale"], FLDA(3)), 0
         >>> job = Job(plan, plan.world.scene, "d", [greyscale])
         >>> with Workers(1) as workers:
         ...     (outcome,) = count([PointTask(job, Budget(2))], workers)
@@ -119,7 +120,7 @@ class Job:
         return tuple(
             Key(locator, name, number)
             for locator, bank, number in self.banks
-            for name in bank.names
+            for name in bank
         )
 
     @property
@@ -134,8 +135,8 @@ class Job:
         """Give for each key the bits of a batch, (B,R,C) bool, and the observation that they were decided on."""
         for locator, bank, _ in self.banks:
             view = views[locator]
-            for scores in bank.scores(view.readings, view.preambles).values():
-                yield scores >= 0, view
+            for decider in bank.values():
+                yield decider.score(view.readings, view.preambles) >= 0, view
 
     def count(self, blocks: Iterable[int], frames: int) -> FrameErrors:
         """Simulate blocks, look for the panel with each locator, let every receiver decide, and count.

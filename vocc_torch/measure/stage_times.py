@@ -3,15 +3,16 @@
 import itertools
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self, TypeAlias
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 import torch
 
 from vocc_torch.arrays import Floats
 from vocc_torch.measure import estimate, link, plan, timing
-from vocc_torch.receiver.bank import needs_preambles
-from vocc_torch.receiver.receiver import StagedReceiver
+from vocc_torch.receiver.deciders import Decider, Preambles, needs_preambles
+from vocc_torch.receiver.locators import PanelLocator
+from vocc_torch.receiver.reader import Reader
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
 from vocc_torch.types import Frames, Panels
@@ -96,8 +97,22 @@ class Exposure:
         return cls(first, simulator.true_panels(scene, names), tuple(lit))
 
 
+class TimedReceiver(NamedTuple):
+    """A receiver whose stages are timed.
+
+    Args:
+        decider: scores the LEDs.
+        reader: rectifies panels and measures what the decider needs.
+        locator: finds the panel, or None where corners are known.
+    """
+
+    decider: Decider
+    reader: Reader
+    locator: PanelLocator | None = None
+
+
 def time_stages(
-    receivers: Mapping[str, StagedReceiver],
+    receivers: Mapping[str, TimedReceiver],
     exposure: Exposure,
     batch: int,
     repeats: int,
@@ -121,8 +136,7 @@ def time_stages(
         By the receivers' names.
     """
     chains = {
-        name: chain(name, replace(receiver, bank=receiver.bank.to(device)), device)
-        for name, receiver in receivers.items()
+        name: chain(name, receiver, device) for name, receiver in receivers.items()
     }
     starts = range(0, len(exposure.frames) - batch + 1, batch)
     batches = [
@@ -163,46 +177,50 @@ Stages: TypeAlias = dict[
 """By name the key of what a stage makes, and what makes it of a batch's parts."""
 
 
-def chain(name: str, receiver: StagedReceiver, device: torch.device) -> Stages:
+def chain(name: str, receiver: TimedReceiver, device: torch.device) -> Stages:
     """Give a receiver's stages on prepared batches, in order; one that it does not have is left out.
 
     Args:
         name: the receiver's name.
-        receiver: works on the device.
+        receiver: is copied to the device.
         device: where frames are read to.
     """
+    decider, reader, locator = receiver
+    decider, needed = decider.to(device), decider.features
     where, known, measured = (
-        ("locate", receiver.locator),
+        ("locate", locator),
         ("preambles", name),
         ("features", name),
     )
-    samples = receiver.reader.samples_per_led
-    patches = ("rectify", receiver.locator, samples, receiver.dtype)
+    patches = "rectify", locator, reader.samples_per_led
     stages: Stages = {"read": (("read",), lambda batch: read(batch["host"], device))}
-    if receiver.locator is not None:
-        stages["locate"] = where, lambda batch: receiver.locate(batch["read",])
-    if receiver.bank.needs_patches:
+    if locator is not None:
+        stages["locate"] = where, lambda batch: locator(batch["read",], reader.shape)
+    if reader.is_rectified(needed):
         stages["rectify"] = (
             patches,
-            lambda batch: receiver.rectify(batch["read",], batch[where]),
+            lambda batch: reader.rectify([batch["read",]], batch[where])[0],
         )
     stages["features"] = (
         measured,
-        lambda batch: receiver.measure(
-            batch["read",], batch[where], batch.get(patches)
+        lambda batch: reader.measure(
+            batch["read",], batch[where], batch.get(patches), needed
         ),
     )
-    if needs_preambles(receiver.bank.names):
+    if needs_preambles([decider.name]):
         stages["preambles"] = (
             known,
-            lambda batch: receiver.preambles(batch["on"], batch["off"], batch[where]),
+            lambda batch: Preambles(
+                *(
+                    reader.read(batch[take], batch[where], needed).greys
+                    for take in ("on", "off")
+                )
+            ),
         )
-
-    def classify(batch: Intermediates) -> list[torch.Tensor]:
-        scores = receiver.decide(batch[measured], batch.get(known))
-        return [score >= 0 for score in scores.values()]
-
-    stages["classify"] = ("classify", name), classify
+    stages["classify"] = (
+        ("classify", name),
+        lambda batch: decider.score(batch[measured], batch.get(known)) >= 0,
+    )
     return stages
 
 

@@ -18,9 +18,9 @@ from vocc_torch.measure.plan import Plan, identity
 from vocc_torch.measure.store import canonical
 from vocc_torch.plugins import one_line
 from vocc_torch.receiver import discriminant
-from vocc_torch.receiver.bank import FLDA_FEATURES, ReceiverBank, feature_indices
 from vocc_torch.receiver.calibration import Calibration, appearance, ranges_of
 from vocc_torch.receiver.classifiers import Guarded, plugged
+from vocc_torch.receiver.deciders import FLDA_FEATURES, Bank, bank_of, feature_indices
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import locator_settings, locator_words
 from vocc_torch.receiver.reader import Readings
@@ -82,11 +82,11 @@ class Training:
     costs: Mapping[str, Making] = field(default_factory=dict)
     further: "tuple[Training, ...]" = ()
 
-    def bank(self, names: Sequence[str]) -> ReceiverBank:
+    def bank(self, names: Sequence[str]) -> Bank:
         """Give the named receivers, ready to decide."""
-        return ReceiverBank(names, self.flda, self.classifiers)
+        return bank_of(names, self.flda, self.classifiers)
 
-    def banks(self, names: Sequence[str]) -> list[ReceiverBank]:
+    def banks(self, names: Sequence[str]) -> list[Bank]:
         """Give the named receivers after each training; of further ones those that learn."""
         learners = [
             name for name in names if name in FLDA_FEATURES or self.making(name).frames

@@ -11,7 +11,11 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.classifiers.protocol import Guarded
-from vocc_torch.receiver.features import greyscale_scores, preamble_threshold
+from vocc_torch.receiver.features import (
+    FEATURE_NAMES,
+    greyscale_scores,
+    preamble_threshold,
+)
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.reader import Greys, Readings
 
@@ -27,6 +31,10 @@ FLDA_FEATURES: dict[str, tuple[str, ...]] = {
 
 GREYSCALE_RECEIVERS = {"center_greyscale": "centre", "average_greyscale": "average"}
 """The paper's baselines, which need preambles."""
+
+
+RECEIVER_NAMES = (*GREYSCALE_RECEIVERS, *FLDA_FEATURES)
+"""Every receiver that can be named."""
 
 
 class Preambles(NamedTuple):
@@ -125,6 +133,84 @@ class GreyDecider:
 
 Decider = FldaDecider | GreyDecider | Guarded
 """What scores LEDs from readings."""
+
+
+Bank = Mapping[str, Decider]
+"""Receivers by name, in the order of the results, that decide on the same readings."""
+
+
+def bank_of(
+    names: Sequence[str], flda: FLDA, plugged_in: Mapping[str, Guarded] | None = None
+) -> Bank:
+    """Give named receivers, ready to decide.
+
+    Args:
+        names: of the receivers.
+        flda: fitted on all three features; the receivers on fewer features follow from the same statistics.
+        plugged_in: trained classifiers by name.
+
+    Raises:
+        VoccError: an unknown name.
+    """
+    demand_kind("flda", flda, FLDA)
+    bank: dict[str, Decider] = {}
+    for name in check_receivers(names, tuple(plugged_in or ())):
+        if name in FLDA_FEATURES:
+            bank[name] = FldaDecider(name, flda.select(feature_indices(name)))
+        elif name in GREYSCALE_RECEIVERS or plugged_in is None:
+            bank[name] = GreyDecider(name)
+        else:
+            bank[name] = plugged_in[name]
+    return bank
+
+
+def check_receivers(
+    names: Sequence[str], plugged_in: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Return the names, or refuse the first unknown or repeated one.
+
+    Args:
+        names: receivers.
+        plugged_in: names of classifiers that are known too.
+
+    Raises:
+        VoccError: no name, an unknown name or a repeated one.
+
+    Example:
+        >>> check_receivers(["flda_3", "average_greyscale"])
+        ('flda_3', 'average_greyscale')
+    """
+    known = (*RECEIVER_NAMES, *plugged_in)
+    for name in names:
+        if name not in known:
+            raise VoccError(
+                f"receiver.names has {name!r}: known receivers are {', '.join(known)}"
+            )
+    if not names or len(set(names)) != len(names):
+        raise VoccError(
+            f"receiver.names is {list(names)}: it must hold at least one name, each once"
+        )
+    return tuple(names)
+
+
+def needs_preambles(names: Sequence[str]) -> bool:
+    """Whether any of the named receivers needs preamble frames.
+
+    Example:
+        >>> needs_preambles(["flda_3"])
+        False
+    """
+    return any(name in GREYSCALE_RECEIVERS for name in names)
+
+
+def feature_indices(name: str) -> list[int]:
+    """Columns of the readings' features that an FLDA receiver uses.
+
+    Example:
+        >>> feature_indices("flda_2")
+        [0, 1]
+    """
+    return [FEATURE_NAMES.index(feature) for feature in FLDA_FEATURES[name]]
 
 
 def decider_of(

@@ -1,6 +1,5 @@
 """Fisher's linear discriminant in closed form: statistics of training sets that add, and their solution."""
 
-import itertools
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -61,56 +60,14 @@ def checked_features(features: Tensor, n_features: int) -> Tensor:
     return features.double()
 
 
-def checked_samples(
-    features: Tensor, bits: Tensor, n_features: int
-) -> tuple[Tensor, Tensor]:
-    """Return a training set as float64 and bool, or refuse what cannot be learned from.
-
-    Args:
-        features: (...,F) real and finite, any floating or integer dtype; possibly no samples at all.
-        bits: (...) bool, or 0 and 1 in any dtype; True or 1 is On.
-        n_features: F.
-
-    Returns:
-        (...,F) float64 and (...) bool, on the device of ``features``.
-
-    Raises:
-        VoccError: wrong shape or kind, a feature that is not finite or beyond 1e140 in size, or a bit other
-            than 0 and 1.
-
-    Example:
-        >>> checked_samples(torch.tensor([[1, 2]]), torch.tensor([1]), n_features=2)[1].tolist()
-        [True]
-    """
-    rows = checked_features(features, n_features)
-    bits = tensor_of("bits", bits)
-    if bits.shape != rows.shape[:-1]:
-        allowed = (
-            f"{tuple(rows.shape[:-1])}, that of features without its last dimension"
-        )
-        raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {allowed}")
-    bits = bits.to(rows.device)
-    stray = bits[(bits != 0) & (bits != 1)]
-    if stray.numel():
-        raise VoccError(
-            f"bits holds {stray[0].item():g}: each must be 0 (Off) or 1 (On)"
-        )
-    flat = rows.detach().reshape(-1, n_features)
-    if len(beyond := (~(flat.abs() <= LARGEST)).nonzero()):
-        sample, column = beyond[0].tolist()
-        refusal = f"features holds {flat[sample, column]:g} in feature {column} (sample {sample})"
-        raise VoccError(f"{refusal}: it must be finite, at most {LARGEST:g} in size")
-    return rows, bits == 1
-
-
 @dataclass(frozen=True, slots=True)
 class ClassScatter(Batched):
     """Sufficient statistics of two classes of feature vectors; index 0 is Off, 1 is On.
 
     Args:
-        count: (...,2) int64, samples seen.
-        mean: (...,2,F) float64, the class means m_0 and m_1; zeros for a class without samples.
-        scatter: (...,2,F,F) float64, sums of outer products about the class means: the two terms of Eq. 15.
+        count: (2,) int64, samples seen.
+        mean: (2,F) float64, the class means m_0 and m_1; zeros for a class without samples.
+        scatter: (2,F,F) float64, sums of outer products about the class means: the two terms of Eq. 15.
 
     Example:
         >>> x = torch.tensor([[0.0], [2.0], [5.0]])
@@ -134,44 +91,55 @@ class ClassScatter(Batched):
 
     @classmethod
     def of(cls, features: Tensor, bits: Tensor, n_features: int) -> Self:
-        """Sum up one piece of a training set, on the device of ``features``; as :func:`checked_samples`.
+        """Sum up one piece of a training set, on the device of ``features``; differentiable.
+
+        Args:
+            features: (...,F) real and finite, any floating or integer dtype; possibly no samples at all.
+            bits: (...) bool, or 0 and 1 in any dtype; True or 1 is On.
+            n_features: F.
 
         Raises:
-            VoccError: wrong shape or kind, a feature that is not finite, or a bit other than 0 and 1.
+            VoccError: wrong shape or kind, a feature that is not finite or beyond 1e140 in size, or a bit other
+                than 0 and 1.
         """
-        rows, on = checked_samples(features, bits, n_features)
-        return cls.of_rows(rows.reshape(-1, n_features), on.reshape(-1))
+        rows = checked_features(features, n_features)
+        bits = tensor_of("bits", bits)
+        if bits.shape != rows.shape[:-1]:
+            allowed = (
+                f"{tuple(rows.shape[:-1])}, that of features without its last dimension"
+            )
+            raise VoccError(f"bits has shape {tuple(bits.shape)}: it must be {allowed}")
+        bits = bits.to(rows.device)
+        stray = bits[(bits != 0) & (bits != 1)]
+        if stray.numel():
+            raise VoccError(
+                f"bits holds {stray[0].item():g}: each must be 0 (Off) or 1 (On)"
+            )
+        rows = rows.reshape(-1, n_features)
+        if len(beyond := (~(rows.detach().abs() <= LARGEST)).nonzero()):
+            sample, column = beyond[0].tolist()
+            refusal = f"features holds {rows[sample, column]:g} in feature {column} (sample {sample})"
+            raise VoccError(
+                f"{refusal}: it must be finite, at most {LARGEST:g} in size"
+            )
+        return cls.of_rows(rows, bits.reshape(-1) == 1)
 
     @classmethod
     def of_rows(cls, rows: Tensor, on: Tensor) -> Self:
-        """Sum up samples (N,F) with their bits (N,), as of :func:`checked_samples`; differentiable."""
-        (off_mean, off_scatter), (on_mean, on_scatter) = (
-            _moments(rows[~on]),
-            _moments(rows[on]),
-        )
-        means, scatters = (
-            torch.stack([off_mean, on_mean]),
-            torch.stack([off_scatter, on_scatter]),
-        )
-        return cls(torch.stack([(~on).sum(), on.sum()]), means, scatters)
-
-    @classmethod
-    def stacked(cls, sets: Sequence[Self], batch: Sequence[int]) -> Self:
-        """Stack the statistics of several training sets into one batch of shape ``batch``."""
-        parts = ([getattr(scatter, name) for scatter in sets] for name in cls.__slots__)
-        return cls(
-            *(torch.stack(part).reshape(*batch, *part[0].shape) for part in parts)
-        )
+        """Sum up finite samples (N,F) float64 with their bits (N,) bool; differentiable."""
+        moments = zip(_moments(rows[~on]), _moments(rows[on]), strict=True)
+        mean, scatter = map(torch.stack, moments)
+        return cls(torch.stack([(~on).sum(), on.sum()]), mean, scatter)
 
     @property
     def within(self) -> Tensor:
-        """(...,F,F) the within-class scatter S_w of Eq. 15: both classes' sums, pooled over samples."""
-        return self.scatter.sum(dim=-3)
+        """(F,F) the within-class scatter S_w of Eq. 15: both classes' sums, pooled over samples."""
+        return self.scatter.sum(dim=0)
 
     @property
     def gap(self) -> Tensor:
-        """(...,F) the difference of the class means, On minus Off."""
-        return self.mean.diff(dim=-2).squeeze(-2)
+        """(F,) the difference of the class means, On minus Off."""
+        return self.mean[1] - self.mean[0]
 
     def merged(self, other: Self) -> Self:
         """Join the statistics of two disjoint sets of samples, on this one's device.
@@ -226,11 +194,30 @@ class ClassScatter(Batched):
             raise VoccError(
                 "count is below 0: more than 9e18 samples of a class, which overflow int64"
             )
-        if bool((self.within.diagonal(dim1=-2, dim2=-1) < 0).any()):
+        if bool((self.within.diagonal() < 0).any()):
             raise VoccError(
                 "scatter holds a variance below 0: these are no statistics of samples"
             )
         return self
+
+    def demand_both(self) -> None:
+        """Refuse statistics in which a class has no samples, by its name.
+
+        Raises:
+            VoccError: such statistics.
+        """
+        off, on = self.count.tolist()
+        if not off + on:
+            raise VoccError(
+                "FLDA has seen no samples: call fit or update with both Off and On samples first"
+            )
+        if not off or not on:
+            seen_none = (
+                f"FLDA has seen no {'On (bit 1)' if off else 'Off (bit 0)'} sample"
+            )
+            raise VoccError(
+                f"{seen_none}, only {off + on} of the other class: it needs both"
+            )
 
 
 def _moments(rows: Tensor) -> tuple[Tensor, Tensor]:
@@ -253,12 +240,12 @@ def _moments(rows: Tensor) -> tuple[Tensor, Tensor]:
 
 
 class Discriminant(NamedTuple):
-    """A linear rule, or a batch of them.
+    """A linear rule.
 
     Args:
-        direction: (...,F) w of Eq. 14; it points from Off to On.
-        threshold: (...) Eq. 19, the midpoint of the projected class means.
-        centre: (...,F) the middle between the class means: scores count from it, so that an offset that all
+        direction: (F,) w of Eq. 14; it points from Off to On.
+        threshold: () Eq. 19, the midpoint of the projected class means.
+        centre: (F,) the middle between the class means: scores count from it, so that an offset that all
             features share cancels before anything is rounded.
     """
 
@@ -278,47 +265,38 @@ class Discriminant(NamedTuple):
         along such a direction too, Eq. 13 is infinite along it. There the variance is taken as 1 /
         CONDITION_LIMIT of the largest: the separating part rules, and scores stay finite.
         """
-        covariance = seen.within / seen.count.double().sum(dim=-1)[..., None, None]
-        rounding = (ROUNDING * seen.mean.detach().abs().amax(dim=-2)).clamp(
-            min=SMALLEST
-        )
-        spread = covariance.detach().diagonal(dim1=-2, dim2=-1).sqrt()
+        covariance = seen.within / seen.count.double().sum()
+        rounding = (ROUNDING * seen.mean.detach().abs().amax(0)).clamp(min=SMALLEST)
+        spread = covariance.detach().diagonal().sqrt()
         flat = spread <= rounding
         gap = torch.where(flat & (seen.gap.abs() <= rounding), 0.0, seen.gap)
         constant = flat & (gap == 0)
         scale = torch.where(
             flat, torch.where(constant, 1.0, gap.detach().abs()), spread
         )
-        gap, noise = (
-            gap / scale,
-            torch.where(constant, 0.0, rounding / scale).norm(dim=-1),
-        )
-        within = covariance / scale.unsqueeze(-1) / scale.unsqueeze(-2)
-        within = torch.where(
-            flat.unsqueeze(-1) | flat.unsqueeze(-2), 0.0, (within + within.mT) / 2
-        )
+        gap = gap / scale
+        noise = torch.where(constant, 0.0, rounding / scale).norm()
+        within = covariance / scale[:, None] / scale
+        within = torch.where(flat[:, None] | flat, 0.0, (within + within.mT) / 2)
 
         values, basis = torch.linalg.eigh(within.detach())
-        floor = values[..., -1:].clamp(min=1.0) / CONDITION_LIMIT
+        floor = values[-1:].clamp(min=1.0) / CONDITION_LIMIT
         null = values <= floor
-        along = (basis.mT @ gap.unsqueeze(-1)).squeeze(-1)
-        outside = torch.where(null, along.detach(), 0.0).norm(dim=-1)
-        separated = outside > torch.maximum(
-            GAP_LIMIT * gap.detach().norm(dim=-1), noise
-        )
-        regular = ~(null.unsqueeze(-1) | null.unsqueeze(-2))
+        along = basis.mT @ gap[:, None]
+        outside = torch.where(null[:, None], along.detach(), 0.0).norm()
+        separated = outside > torch.maximum(GAP_LIMIT * gap.detach().norm(), noise)
         system = torch.where(
-            regular,
+            null[:, None] | null,
+            torch.diag(floor.expand_as(values)),
             basis.mT @ within @ basis,
-            torch.diag_embed(floor.expand_as(values)),
         )
-        along = torch.where(null & ~separated.unsqueeze(-1), 0.0, along)
-        solution = (basis @ torch.linalg.solve(system, along.unsqueeze(-1))).squeeze(-1)
+        along = torch.where((null & ~separated)[:, None], 0.0, along)
+        solution = (basis @ torch.linalg.solve(system, along))[:, 0]
         direction = torch.where(constant, 0.0, solution) / scale
         # Halved first: the sum of two means may overflow.
-        centre = (seen.mean / 2).sum(dim=-2)
+        centre = (seen.mean / 2).sum(0)
         complaint = _complaint(gap, flat, null, separated)
-        return cls(direction, (direction * centre).sum(dim=-1), centre), complaint
+        return cls(direction, (direction * centre).sum(), centre), complaint
 
     def to(self, device: torch.device) -> Self:
         """Move it to a device."""
@@ -328,30 +306,22 @@ class Discriminant(NamedTuple):
         """Score feature vectors: ``w . x - threshold``, at least 0 for On (Eq. 18); differentiable.
 
         Args:
-            features: (...,N,F) real, any floating or integer dtype; leading dimensions broadcast.
+            features: (...,F) real, any floating or integer dtype.
 
         Returns:
-            (...,N) float64.
+            (...) float64.
 
         Raises:
             VoccError: features of the wrong kind or shape.
         """
-        apart = checked_features(
-            features, self.direction.shape[-1]
-        ) - self.centre.unsqueeze(-2)
-        return (apart * self.direction.unsqueeze(-2)).sum(dim=-1)
+        apart = checked_features(features, len(self.direction)) - self.centre
+        return (apart * self.direction).sum(dim=-1)
 
 
 def _complaint(gap: Tensor, flat: Tensor, null: Tensor, separated: Tensor) -> str:
-    """Describe the first set that does not determine its direction: why, and what was done instead."""
-    coincide = (gap == 0).all(dim=-1)
-    troubled = (null.any(dim=-1) | coincide).nonzero()
-    if not len(troubled):
-        return ""
-    place = tuple(troubled[0].tolist())
-    gap, flat, null = gap[place], flat[place], null[place]
-    parts = [f"set {', '.join(map(str, place))}"] if place else []
-    if bool(coincide[place]):
+    """Describe why a set does not determine its direction, and what was done instead; empty where it does."""
+    parts = []
+    if not bool(gap.any()):
         parts.append("the class means coincide, so every score is 0, that is On")
     if bool(null.any()):
         reasons = []
@@ -366,7 +336,7 @@ def _complaint(gap: Tensor, flat: Tensor, null: Tensor, separated: Tensor) -> st
                 f"the features are collinear, condition number above {CONDITION_LIMIT:g}"
             )
         huge = "the classes separate without variance, scores are huge"
-        outcome = huge if bool(separated[place]) else "least-norm solution"
+        outcome = huge if bool(separated) else "least-norm solution"
         why = "; ".join(reasons)
         parts.append(
             f"the within-class scatter is singular or ill-conditioned ({why}): {outcome}"
@@ -375,7 +345,7 @@ def _complaint(gap: Tensor, flat: Tensor, null: Tensor, separated: Tensor) -> st
 
 
 def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
-    """Fit Fisher's discriminant to each of a batch of training sets, with gradients for the features.
+    """Fit Fisher's discriminant to a training set, with gradients for the features.
 
     A feature extractor can so be learned through the fit and through the scores. The solution is that of
     :class:`vocc_torch.receiver.flda.FLDA`, in closed form, and so are its derivatives, second ones included.
@@ -385,11 +355,11 @@ def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
     and 0 for a constant feature.
 
     Args:
-        features: (...,N,F) finite and real, any floating or integer dtype: N samples a set.
-        bits: (...,N) bool, or 0 and 1; True or 1 is On.
+        features: (N,F) finite and real, any floating or integer dtype: N samples.
+        bits: (N,) bool, or 0 and 1; True or 1 is On.
 
     Returns:
-        float64 ``direction`` (...,F) and ``threshold`` (...), and ``scores`` for any features.
+        float64 ``direction`` (F,) and ``threshold`` (), and ``scores`` for any features.
 
     Raises:
         VoccError: wrong shape or kind, a value that is not finite or beyond 1e140, or a class missing.
@@ -403,25 +373,13 @@ def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
         >>> torch.autograd.grad(rule.threshold, x)[0].shape
         torch.Size([4, 2])
     """
-    shape = tuple(features.shape) if isinstance(features, Tensor) else None
-    if shape is None or len(shape) < 2 or 0 in (*shape[:-2], shape[-1]):
+    if not isinstance(features, Tensor) or features.ndim != 2 or not features.shape[1]:
         raise VoccError.of(
-            "features",
-            shape or shown(features),
-            "a tensor of shape (..., samples, features)",
+            "features", shown(features), "a tensor of shape (samples, features)"
         )
-    rows, on = checked_samples(features, bits, features.shape[-1])
-    for name, absent in (("Off (bit 0)", ~on), ("On (bit 1)", on)):
-        if missing := (~absent.any(dim=-1)).nonzero().tolist():
-            place = f" in set {', '.join(map(str, missing[0]))}" if missing[0] else ""
-            raise VoccError(
-                f"bits has no {name} sample{place}: a discriminant needs both"
-            )
-    places = itertools.product(*map(range, shape[:-2]))
-    scatter = ClassScatter.stacked(
-        [ClassScatter.of_rows(rows[at], on[at]) for at in places], shape[:-2]
-    )
-    rule, complaint = Discriminant.of(scatter.checked())
+    seen = ClassScatter.of(features, bits, features.shape[1]).checked()
+    seen.demand_both()
+    rule, complaint = Discriminant.of(seen)
     if complaint:
         warnings.warn(f"discriminant: {complaint}", FLDAWarning, stacklevel=2)
     return rule

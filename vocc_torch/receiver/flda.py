@@ -12,7 +12,6 @@ from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver.discriminant import (
     ClassScatter,
     Discriminant,
-    checked_features,
 )
 from vocc_torch.receiver.discriminant import FLDAWarning as FLDAWarning
 from vocc_torch.types import are_finite
@@ -110,7 +109,7 @@ class FLDA(torch.nn.Module):
         """
         with torch.inference_mode(False), torch.no_grad():
             scatter = ClassScatter.of(features, bits, self.n_features).checked()
-        _require_both(scatter)
+        scatter.demand_both()
         self._store(scatter)
         self._solved()
         return self
@@ -193,8 +192,7 @@ class FLDA(torch.nn.Module):
         Raises:
             VoccError: no samples of a class yet, or features of the wrong kind or shape.
         """
-        points = checked_features(features, self.n_features)
-        return self._solved().scores(points.unsqueeze(-2)).squeeze(-1)
+        return self._solved().scores(features)
 
     def forward(self, features: Tensor) -> Tensor:
         """Score feature vectors; the same as ``decision_function``."""
@@ -230,7 +228,7 @@ class FLDA(torch.nn.Module):
         # Solved on the host: a few numbers, and the same direction on whatever device scores are wanted.
         with torch.inference_mode(False), torch.no_grad():
             statistics = self.statistics.to(torch.device("cpu")).checked()
-            _require_both(statistics)
+            statistics.demand_both()
             solution, self._complaint = Discriminant.of(statistics)
         self._solution = solution.to(self.mean.device)
         return self._solution
@@ -263,25 +261,8 @@ class FLDA(torch.nn.Module):
     def _load_from_state_dict(
         self, state: dict[str, Tensor], prefix: str, *rest: Any
     ) -> None:
-        """Take over statistics, in their dtypes; an older version wrote sums as two numbers each."""
-        for name in ("mean", "scatter"):
-            if (smaller := state.pop(f"{prefix}{name}_rest", None)) is not None:
-                state[f"{prefix}{name}"] = state[f"{prefix}{name}"] + smaller
+        """Take over statistics, in their dtypes."""
         super()._load_from_state_dict(state, prefix, *rest)
         self.count, self.mean = self.count.long(), self.mean.double()
         self.scatter = self.scatter.double()
         self._store(self.statistics)
-
-
-def _require_both(seen: ClassScatter) -> None:
-    """Refuse statistics in which a class has no samples, by its name."""
-    off, on = seen.count.tolist()
-    if not off + on:
-        raise VoccError(
-            "FLDA has seen no samples: call fit or update with both Off and On samples first"
-        )
-    if not off or not on:
-        seen_none = f"FLDA has seen no {'On (bit 1)' if off else 'Off (bit 0)'} sample"
-        raise VoccError(
-            f"{seen_none}, only {off + on} of the other class: it needs both"
-        )

@@ -21,8 +21,6 @@ MOST_BYTES = 1 << 26
 """Most bytes of a model's file; the networks that ship take less than one in a hundred."""
 MOST_VALUES = 1 << 20
 """Most values of a JSON text, each of which takes up to 100 bytes of memory."""
-_READABLE = (1, 2, FORMAT_VERSION)
-"""Versions 1 and 2 wrote arrays as lists of numbers."""
 _DTYPES = ("float64", "float32", "float16", "int64", "uint8", "bool")
 
 UNFIT = (
@@ -116,10 +114,9 @@ def read_model(
         ) from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise VoccError(f"{what} {path} is not of vocc_torch: give {wanted}")
-    if (version := content.get("version")) not in _READABLE:
-        allowed = " and ".join(map(str, _READABLE))
+    if (version := content.get("version")) != FORMAT_VERSION:
         raise VoccError(
-            f"{what} {path} has format version {shown(version)}: this package reads versions {allowed}"
+            f"{what} {path} has format version {shown(version)}: this package reads version {FORMAT_VERSION}"
         )
     if not fits:
         raise VoccError(
@@ -166,11 +163,8 @@ def array_of(array: Mapping[str, Any]) -> Tensor:
     if (name := array["dtype"]) not in _DTYPES:
         raise ValueError
     kind = np.dtype(name)
-    if "base64" in array:
-        raw = base64.b64decode(array["base64"], validate=True)
-        flat = np.frombuffer(raw, dtype=kind.newbyteorder("<")).astype(kind)
-    else:
-        flat = np.array(array["values"], dtype=kind)
+    raw = base64.b64decode(array["base64"], validate=True)
+    flat = np.frombuffer(raw, dtype=kind.newbyteorder("<")).astype(kind)
     if not np.isfinite(flat).all():
         raise ValueError
     return torch.from_numpy(flat.reshape(array["shape"]))

@@ -32,8 +32,9 @@ from vocc_torch.types import (
     without_autocast,
 )
 
-_GREYS = ("average", "centre")
-MEASURED = (*FEATURE_NAMES, *_GREYS)
+GREYS = ("average", "centre")
+"""Grey levels of an LED."""
+MEASURED = (*FEATURE_NAMES, *GREYS)
 """What can be measured of an LED: the paper's features, its cell's mean grey and its centre pixel's."""
 
 # An eighth of a gigabyte in float32, and a whole one while they are measured.
@@ -109,9 +110,9 @@ class Reader:
             raise VoccError(f"{refusal}: {panel}, at most 2^25 are allowed")
         demand_word("receiver.gradient", self.gradient, get_args(Gradient))
         demand_within("disc_share", self.disc_share, 0, 1, above=True, null=True)
-        if len({*self.names, *_GREYS}) < len(self.names) + len(_GREYS):
+        if len({*self.names, *GREYS}) < len(self.names) + len(GREYS):
             raise VoccError.of(
-                "receiver.features", [*self.names], f"each once, and none of {_GREYS}"
+                "receiver.features", [*self.names], f"each once, and none of {GREYS}"
             )
 
     @property
@@ -119,48 +120,41 @@ class Reader:
         """The features that it measures, in their order."""
         return *FEATURE_NAMES, *(plug_in.name for plug_in in self.more)
 
-    def read(self, frames: Frames, panels: Panels) -> Readings:
+    def read(
+        self, frames: Frames, panels: Panels, needed: Collection[str] | None = None
+    ) -> Readings:
         """Measure every LED of B frames with located panels; one not found reads finite, without meaning.
 
-        Raises:
-            VoccError: what :meth:`read_takes` refuses.
-        """
-        return self.read_takes([frames], panels)[0]
-
-    def read_takes(
-        self, takes: Sequence[Frames], panels: Panels
-    ) -> tuple[Readings, list[Greys]]:
-        """Measure every LED of test frames, and grey levels only of further takes of the same scenes.
-
         Args:
-            takes: the test frames first, then preambles.
-            panels: where the panel was located in the test frames.
+            frames: B frames.
+            panels: where the panel is in each.
+            needed: see :meth:`measure`; for the centres alone no panel is resampled.
 
         Raises:
-            VoccError: takes that do not fit the panels, corners that are not finite, or at a
-                panel in floating frames what is no grey value, NaN or negative.
+            VoccError: frames that do not fit the panels, corners that are not finite, or at a panel in
+                floating frames what is no grey value, NaN or negative.
         """
-        first, *rectified = self.rectify(takes, panels)
-        others = zip(takes[1:], rectified, strict=True)
-        greys = [
-            self.measure(take, panels, patch, _GREYS).greys for take, patch in others
-        ]
-        return self.measure(takes[0], panels, first), greys
+        patches = None
+        if self.is_rectified(needed):
+            (patches,) = self.rectify([frames], panels)
+        return self.measure(frames, panels, patches, needed)
 
-    def rectify(
-        self, takes: Sequence[Frames], panels: Panels, dtype: torch.dtype | None = None
-    ) -> list[Tensor]:
+    def is_rectified(self, needed: Collection[str] | None) -> bool:
+        """Whether panels are resampled for what is needed: for all but the centres alone."""
+        return needed is None or {*needed} != {"centre"}
+
+    def rectify(self, takes: Sequence[Frames], panels: Panels) -> list[Tensor]:
         """Resample the panel in each take, as :func:`vocc_torch.receiver.resample.rectify` does.
 
         Raises:
-            VoccError: what :meth:`read_takes` refuses.
+            VoccError: what :meth:`read` refuses.
         """
         for take in takes:
             demand_kind("frames", take, Frames)
         demand_kind("panels", panels, Panels)
         with without_autocast(takes[0].grey.device):
             patches = [
-                rectify(take, panels, self.shape, self.samples_per_led, dtype)
+                rectify(take, panels, self.shape, self.samples_per_led)
                 for take in takes
             ]
         for take, patch in zip(takes, patches, strict=True):
@@ -185,7 +179,7 @@ class Reader:
             needed: some of ``MEASURED`` and of the features from outside; None for all.
 
         Raises:
-            VoccError: what :meth:`read_takes` refuses, or a feature from outside that fails.
+            VoccError: what :meth:`read` refuses, or a feature from outside that fails.
         """
         names = {*MEASURED, *self.names} if needed is None else needed
         shape, sizes = self.shape, cell_size_px(panels.corners_px, self.shape)

@@ -1,7 +1,7 @@
-"""A receiver by stages: locate, rectify, measure, decide; and the one that a user keeps in a file."""
+"""A receiver by stages, which a user keeps in a file: locate, rectify, measure, decide."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -13,7 +13,6 @@ from vocc_torch.boundary import checked, demand_fields
 from vocc_torch.errors import VoccError, demand_kind, shown, whole_number
 from vocc_torch.files import demand_folder
 from vocc_torch.plugins import PlugIn
-from vocc_torch.receiver.bank import Preambles, ReceiverBank
 from vocc_torch.receiver.calibration import APPEARANCE, Calibration, Ranges, appearance
 from vocc_torch.receiver.classifiers import Guarded
 from vocc_torch.receiver.classifiers.inputs import demand_features
@@ -64,104 +63,6 @@ class Decoded(NamedTuple):
         return StatedPanels(self.corners_px, *judged, self.false_alarms)
 
 
-@dataclass(frozen=True, slots=True)
-class StagedReceiver:
-    """Named receivers that share location, rectification and measurement, stage by stage.
-
-    Each stage is a method that takes what those before it gave, so it can be shared, replaced and timed
-    alone: :meth:`locate`, :meth:`rectify`, :meth:`measure`, :meth:`decide`. Each does only what the named
-    receivers need. A call runs them all.
-
-    Args:
-        bank: the receivers by name, and how they decide.
-        reader: the panel's shape, samples of an LED and gradient.
-        locator: finds the panel, or None where corners are known.
-        dtype: working precision of rectification; see :func:`vocc_torch.receiver.resample.rectify`.
-
-    Example:
-        >>> frames = Frames.whole(torch.full((1, 40, 40), 50, dtype=torch.uint8))
-        >>> corners = torch.tensor([[[8.0, 8.0], [32.0, 8.0], [32.0, 32.0], [8.0, 32.0]]])
-        >>> panels, flda = Panels.known(corners), FLDA(3)
-        >>> _ = flda.update(torch.rand(64, 3), torch.arange(64) % 2)
-        >>> staged = StagedReceiver(ReceiverBank(["flda_3", "flda_agr"], flda), Reader(PanelShape(4, 4)))
-        >>> patches = staged.rectify(frames, panels)
-        >>> scores = staged.decide(staged.measure(frames, panels, patches))
-        >>> sorted(scores), tuple(scores["flda_3"].shape)
-        (['flda_3', 'flda_agr'], (1, 4, 4))
-    """
-
-    bank: ReceiverBank
-    reader: Reader
-    locator: PanelLocator | None = None
-    dtype: torch.dtype | None = None
-
-    def locate(self, frames: Frames) -> Panels:
-        """Find the panel in each frame.
-
-        Raises:
-            VoccError: there is no locator, or frames that it cannot read.
-        """
-        if self.locator is None:
-            raise VoccError(
-                "this receiver has no locator: give it one, or the panels' corners"
-            )
-        return self.locator(frames, self.reader.shape)
-
-    def rectify(self, frames: Frames, panels: Panels) -> Tensor | None:
-        """Resample located panels, (B,1,(R+2)K,(C+2)K); None where only single pixels are read."""
-        if not self.bank.needs_patches:
-            return None
-        return self.reader.rectify([frames], panels, self.dtype)[0]
-
-    def measure(
-        self,
-        frames: Frames,
-        panels: Panels,
-        patches: Tensor | None,
-        also: Sequence[str] = (),
-    ) -> Readings:
-        """Measure what the receivers decide on; features and grey values that none needs are zeros.
-
-        Args:
-            frames: B frames.
-            panels: where the panel is in each.
-            patches: what :meth:`rectify` gave.
-            also: what is measured besides.
-        """
-        return self.reader.measure(frames, panels, patches, {*self.bank.needed, *also})
-
-    def preambles(self, on: Frames, off: Frames, panels: Panels) -> Preambles:
-        """Measure the grey levels of the all-On and the all-Off frame of the same scenes."""
-        takes = (
-            self.measure(take, panels, self.rectify(take, panels)).greys
-            for take in (on, off)
-        )
-        return Preambles(*takes)
-
-    def decide(
-        self, readings: Readings, preambles: Preambles | None = None
-    ) -> dict[str, Tensor]:
-        """Score every LED with every receiver: name to (B,R,C) float64, at least 0 is On (Eq. 18).
-
-        Raises:
-            VoccError: a greyscale receiver without preambles.
-        """
-        return self.bank.scores(readings, preambles)
-
-    def __call__(
-        self,
-        frames: Images,
-        panels: Panels | None = None,
-        preambles: Preambles | None = None,
-    ) -> dict[str, Tensor]:
-        """Run all stages; location is left out where the panels are known."""
-        frames = Frames.of(frames)
-        located = self.locate(frames) if panels is None else panels
-        return self.decide(
-            self.measure(frames, located, self.rectify(frames, located)), preambles
-        )
-
-
 class Receiver(torch.nn.Module):
     """Locate the panel, rectify it, measure its LEDs and decide their bits.
 
@@ -209,13 +110,6 @@ class Receiver(torch.nn.Module):
             self.decider
             if isinstance(self.decider, Guarded)
             else self.decider.classifier
-        )
-
-    @property
-    def stages(self) -> StagedReceiver:
-        """The stages: locate, rectify, measure, decide."""
-        return StagedReceiver(
-            ReceiverBank.of({self.name: self.decider}), self.reader, self.locator
         )
 
     @property
@@ -273,11 +167,10 @@ class Receiver(torch.nn.Module):
         Raises:
             VoccError: frames that no locator reads, or floating ones that hold no grey values at a panel.
         """
-        frames, stages = Frames.of(frames), self.stages
-        located = stages.locate(frames) if panels is None else panels
-        readings = stages.measure(
-            frames, located, stages.rectify(frames, located), ("average",)
-        )
+        frames = Frames.of(frames)
+        located = self.locator(frames, self.shape) if panels is None else panels
+        needed = {*self.decider.features, "average"}
+        readings = self.reader.read(frames, located, needed)
         found = located.found.view(-1, 1, 1)
         scores = torch.where(found, self.score(readings), 0.0)
         bits = (scores >= 0) & found

@@ -311,7 +311,6 @@ def rectify(
     panels: Panels,
     shape: PanelShape,
     samples_per_led: int,
-    dtype: torch.dtype | None = None,
     margin: int = 1,
 ) -> Tensor:
     """Resample each panel to K x K samples an LED cell, bilinearly, with cells of margin on every side.
@@ -325,11 +324,10 @@ def rectify(
         panels: B located panels; a panel not found is read at its zero corners and means nothing.
         shape: rows and columns.
         samples_per_led: K, at least 1.
-        dtype: working precision, float32 or float64; by default float64 for float64 frames, else float32.
         margin: m, cells around the panel.
 
     Returns:
-        (B,1,(R+2m)K,(C+2m)K) grey values; positions need float32 at least.
+        (B,1,(R+2m)K,(C+2m)K) grey values, float64 of float64 frames, else float32.
 
     Raises:
         VoccError: empty frames, another number of panels, or corners that are not finite.
@@ -343,7 +341,7 @@ def rectify(
     """
     _check(frames, panels)
     grey = frames.grey
-    dtype = dtype or (torch.float64 if grey.dtype == torch.float64 else torch.float32)
+    dtype = torch.float64 if grey.dtype == torch.float64 else torch.float32
     corners_px, origin_px = _on_host(frames, panels)
     homography = cell_homography(corners_px, shape)
     cells = (shape.rows + 2 * margin) * (shape.columns + 2 * margin)

@@ -24,7 +24,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.train import Training, calibrated_receiver
-from vocc_torch.receiver.bank import GREYSCALE_RECEIVERS
+from vocc_torch.receiver.deciders import GREYSCALE_RECEIVERS
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation import SceneModel

@@ -23,11 +23,11 @@ from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link, misplaced
 from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.timing import threads
-from vocc_torch.receiver.bank import ReceiverBank, needs_preambles
+from vocc_torch.receiver.deciders import Bank, needs_preambles
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
 
-Banks = Mapping[Locator, ReceiverBank]
+Banks = Mapping[Locator, Bank]
 
 LEVEL_BLOCKS = (32, 32, 32, 32, 32, 64)
 """Blocks of each of the pilot's looks."""
@@ -100,13 +100,14 @@ def look(
     )
     with threads(1), torch.inference_mode():
         link, finders = Link.of(plan), plan.receiver.finders(tuple(banks))
-        preambles = any(needs_preambles(bank.names) for bank in banks.values())
+        preambles = any(needs_preambles([*bank]) for bank in banks.values())
         (views,) = link.observe_each(finders, scenes, [key], preambles=preambles)
         margins, failed = [], []
         for locator, bank in banks.items():
             seen = views[locator]
             off = misplaced(seen.panels, seen.truth(), seen.reader.shape, FAILED_CELLS)
-            for scores in bank.scores(seen.readings, seen.preambles).values():
+            for decider in bank.values():
+                scores = decider.score(seen.readings, seen.preambles)
                 margins.append((scores * (2.0 * seen.bits - 1)).double().cpu())
                 failed.append(off.cpu())
     placed, bits = scenes.drawn(key, plan.world.panel.shape)

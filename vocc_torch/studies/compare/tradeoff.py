@@ -11,8 +11,7 @@ from vocc_torch.measure import link, stage_times, sweep, timing
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import Key
-from vocc_torch.receiver.bank import needs_preambles
-from vocc_torch.receiver.receiver import StagedReceiver
+from vocc_torch.receiver.deciders import needs_preambles
 from vocc_torch.report.terminal import Row, print_rows
 from vocc_torch.studies.compare import TradeoffConfig, figures
 from vocc_torch.studies.compare.prices import (
@@ -101,8 +100,8 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
     device = resolve_device(plan.world.device)
     finders = plan.receiver.finders(config.locators)
     receivers = {
-        name: StagedReceiver(
-            trainings[key.locator].bank([key.receiver]),
+        name: stage_times.TimedReceiver(
+            trainings[key.locator].bank([key.receiver])[key.receiver],
             plan.receiver.reader,
             finders[key.locator],
         )

@@ -8,7 +8,7 @@ import numpy as np
 from vocc_torch.measure import stage_times, timing
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.plan import resolve_device
-from vocc_torch.receiver import bank, receiver
+from vocc_torch.receiver.deciders import bank_of
 from vocc_torch.report import plots
 from vocc_torch.report.styles import Style
 from vocc_torch.rng import BlockKey
@@ -47,10 +47,10 @@ def processing_time(
     """
     plan, device = source.plan, resolve_device(source.plan.world.device)
     reader, location = plan.receiver.reader, plan.receiver.location
-    receivers = {}
-    for name in PAPER_SHARES:
-        decided = bank.ReceiverBank([name], source.flda)
-        receivers[name] = receiver.StagedReceiver(decided, reader, location)
+    receivers = {
+        name: stage_times.TimedReceiver(decider, reader, location)
+        for name, decider in bank_of([*PAPER_SHARES], source.flda).items()
+    }
     world = replace(plan.world, framing="filled")
     keys = [BlockKey(plan.seed, "figures/timing", 0)]
     exposure = stage_times.Exposure.of(world, world.scene, keys, preambles=True)
