@@ -124,6 +124,17 @@ def test_the_message_arrives_through_faulty_recordings(faults):
     assert 0.02 < (weights < 1).mean() < 0.3
 
 
+def test_known_cells_that_are_hidden_do_not_mislead_the_clock():
+    plan = MessagePlan(PanelShape(8, 8), Signalling(code_rate=0.5))
+    film = film_of(MESSAGE[:300], plan)
+    llr, _, stamps = seen(film, 2.4, np.random.default_rng(6), ber=0.01)
+    hidden = np.isin(Layout(plan).kind, ["clock", "sync"])
+    hidden[4:] = False
+    llr[:, hidden] = -np.abs(llr[:, hidden])
+    assembly, _, _ = received(llr, stamps, plan)
+    assert assembly.messages[0].content == MESSAGE[:300]
+
+
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 190.4), slowly(100.3, 256)])
 def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_named(
     begin, end

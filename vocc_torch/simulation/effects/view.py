@@ -9,6 +9,7 @@ import torch
 from numpy.polynomial import Polynomial
 from torch import Tensor
 
+from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.simulation.effects.base import (
@@ -31,6 +32,9 @@ LARGEST = 100.0
 SMALLEST = 1e-15
 """How small a coefficient may be that is not 0: roots of polynomials with smaller ones overflow."""
 
+
+SAMPLES = 1001
+"""Angles and radii of which the farthest is taken: between two of them none is farther by over a millionth."""
 
 TURNED_AXES = ((0, 2), (2, 1), (0, 1))
 """The axes, x, y and z by number, that yaw, pitch and roll turn: the second towards less of the first."""
@@ -135,7 +139,7 @@ class Pose(Effect, on=Quantity.PLACEMENT):
             VoccError: a nearest distance at which the panel could reach the camera's plane.
         """
         yaw, pitch, roll = (
-            [math.radians(bound) for bound in angle.bounds]
+            np.radians(np.linspace(*angle.bounds, SAMPLES))
             for angle in self._angles_deg()
         )
         down, across = (
@@ -162,12 +166,9 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         return height, width
 
 
-def _farthest(along: float, beside: float, angle: list[float]) -> float:
-    """Greatest ``along |cos| + beside |sin|`` of an angle between two bounds, rad; lengths at least 0."""
-    peak, (low, high) = math.atan2(beside, along), angle
-    peaks = (turn * math.pi + sign * peak for turn in (-1, 0, 1) for sign in (-1, 1))
-    tried = [low, high, *(candidate for candidate in peaks if low <= candidate <= high)]
-    return max(along * abs(math.cos(t)) + beside * abs(math.sin(t)) for t in tried)
+def _farthest(along: float, beside: float, angle: Floats) -> float:
+    """Greatest ``along |cos| + beside |sin|`` of some angles, rad; lengths at least 0."""
+    return float((along * np.abs(np.cos(angle)) + beside * np.abs(np.sin(angle))).max())
 
 
 class LensDistortion(PointEffect):
@@ -277,22 +278,15 @@ class LensDistortion(PointEffect):
 
         With the stretches a along the radius and g around the middle, whose axes may have any direction, the
         Jacobian makes of a width w and a height h at most the width
-        ``w (a + g) / 2 + hypot(w, h) |a - g| / 2``; the bound is the greatest of these on the sensor.
+        ``w (a + g) / 2 + hypot(w, h) |a - g| / 2``; the bound is the greatest of these over the sensor's radii.
         """
-        edge, diagonal = self.corner_radius(camera) ** 2, math.hypot(*size_px)
-        mean, half = (self._along + self._around) / 2, (self._along - self._around) / 2
-        bounds = []
-        for side in size_px:
-            stretches = [mean * side + half * sign * diagonal for sign in (-1, 1)]
-            turns = (
-                root
-                for stretch in stretches
-                for root in _roots(stretch.deriv())
-                if 0 < root < edge
-            )
-            places = np.array([0.0, edge, *turns])
-            bounds.append(float(max(stretch(places).max() for stretch in stretches)))
-        return bounds[0], bounds[1]
+        squares = np.linspace(0.0, self.corner_radius(camera) ** 2, SAMPLES)
+        along, around = self._along(squares), self._around(squares)
+        mean, half = (along + around) / 2, np.abs(along - around) / 2
+        height, width = (
+            float((mean * side + half * math.hypot(*size_px)).max()) for side in size_px
+        )
+        return height, width
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Move (B,N,2) points."""
