@@ -3,8 +3,8 @@
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from typing import ClassVar, TypeVar, dataclass_transform
@@ -18,7 +18,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_declared
 from vocc_torch.errors import within as within
 from vocc_torch.hardware import Camera, LedPanel
-from vocc_torch.plugins import one_line
+from vocc_torch.plugins import blamed
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.types import Batched, Scene, kind_of
@@ -301,17 +301,9 @@ class Effect(ABC):
         return result.clamp(min=0)  # a filter's rounding
 
     @classmethod
-    @contextmanager
-    def blamed(cls) -> Iterator[None]:
+    def blamed(cls) -> AbstractContextManager[None]:
         """Refuse by name what a class from outside raises."""
-        try:
-            yield
-        except Exception as error:
-            if not cls.target or isinstance(error, VoccError):
-                raise
-            raise VoccError(
-                f"scene.effects.{cls.name} failed ({one_line(error)})"
-            ) from error
+        return blamed(f"scene.effects.{cls.name}") if cls.target else nullcontext()
 
 
 Kind = TypeVar("Kind", bound=Effect)

@@ -98,12 +98,14 @@ def mosaic(
     cell_of: Sequence[Sequence[float]], like: Tensor, context: Context
 ) -> Tensor:
     """Lay a cell of 2 x 2 numbers over each frame (B,C,H,W) as the sensor's cells lie, (B,1,H,W)."""
-    height, width = like.shape[-2:]
-    cell = torch.tensor(cell_of, dtype=like.dtype)
-    cells = [cell.roll((-y, -x), (0, 1)) for x, y in context.first_px.tolist()]
-    repeats = height // 2 + 1, width // 2 + 1
-    planes = torch.stack(cells).repeat(1, *repeats)[:, None, :height, :width]
-    return planes.to(like.device)
+    x, y = (
+        (first.unsqueeze(-1) + torch.arange(length, device=first.device)) % 2
+        for first, length in zip(
+            context.first_px.unbind(-1), reversed(like.shape[-2:]), strict=True
+        )
+    )
+    cell = torch.tensor(cell_of, dtype=like.dtype, device=x.device)
+    return cell[y.unsqueeze(2), x.unsqueeze(1)].unsqueeze(1).to(like.device)
 
 
 class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
