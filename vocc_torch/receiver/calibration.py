@@ -118,7 +118,7 @@ def _interpolated(at: Tensor, table: Tensor) -> Tensor:
     """Interpolate between ascending points, as ``np.interp`` does to the last bit, on any device."""
     places, values, slopes = table.to(at.device)
     at = at.clamp(max=places[-1])
-    left = (torch.searchsorted(places, at, right=True) - 1).clamp(min=0)
+    left = ((at[..., None] >= places).sum(-1) - 1).clamp(min=0)
     begin = places[left]
     found: Tensor = slopes[left] * (at - begin).clamp(min=0) + values[left]
     return found

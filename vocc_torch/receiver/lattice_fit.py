@@ -1,6 +1,6 @@
 """The LED lattice fitted to the picture, in sub-pixels: Gauss-Newton steps, bits, missed lines of LEDs."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import torch
@@ -12,26 +12,39 @@ from vocc_torch.receiver.levels import GAMMA, grey_values, linear_light, two_lev
 from vocc_torch.receiver.resample import corner_cells, sample_cells
 from vocc_torch.types import Frames, PanelShape
 
-# Steps in all; those that begin with bits from amplitudes of the LEDs' own, while those after turn single
-# bits; and those before which a missed line is looked for.
-_STEPS, _FREE_STEPS, _LINE_STEPS = 12, 2, (3, 6)
-# A step below the first, in cells, is the last; none is above the second.
-_STILL_CELLS, _MOST_CELLS = 4e-3, 0.4
-# How far a step may go where the picture does not say, as standard deviations: of the corner fields 1, u, v
-# and uv in x and in y and of the blur in cells; of the levels and the background in light, white being 1. The
-# face follows.
-_EXPECTED = (1.0, 0.5, 0.5, 0.1, 1.0, 0.5, 0.5, 0.1, 0.2, 0.2, 0.3, 1.0, 0.02)
 WHITEST_FACE = 1 / 0.18 - 1
 """Light of a white face above the background, over that of a background of 18 % grey."""
-NO_FACE = 1e-6
-"""How far the light of the face may go from 0 where a panel is taken to have none."""
-# The same for the first steps, while bits are still wrong: hardly any turn, shear and perspective.
-_STIFF_STEPS = 3
-_STIFF = (1.0, 0.5, 0.05, 0.02, 1.0, 0.05, 0.5, 0.02, *_EXPECTED[8:])
-_BLUR_CELLS, _SATURATED_DN, _IMPUTATIONS = (0.1, 0.75), 254.5, 8
 
 
-def fit_lattice(frames: Frames, start: Lattice, face_light: float = NO_FACE) -> Lattice:
+@dataclass(frozen=True)
+class FitSettings:
+    """Steps of the fit, and how far each value is expected to be off."""
+
+    steps: int = 12
+    free_steps: int = 2  # that take bits from amplitudes; later ones turn single bits
+    line_steps: tuple[int, ...] = (3, 6)  # before which a missed line is looked for
+    stiff_steps: int = 3  # bits may be wrong: hardly any turn, shear and perspective
+    still_cells: float = 4e-3  # a step below this is the last
+    most_cells: float = 0.4  # of a step
+    # Standard deviations: of the corner fields 1, u, v and uv in x and in y, in cells.
+    corners_cells: tuple[float, ...] = (1.0, 0.5, 0.5, 0.1, 1.0, 0.5, 0.5, 0.1)
+    stiff_cells: tuple[float, ...] = (1.0, 0.5, 0.05, 0.02, 1.0, 0.05, 0.5, 0.02)
+    # The same of the blur in cells, of the levels and the background in light, white being 1.
+    others: tuple[float, ...] = (0.2, 0.2, 0.3, 1.0, 0.02)
+    no_face: float = 1e-6  # light of the face where a panel is taken to have none
+    blur_cells: tuple[float, float] = (0.1, 0.75)
+    saturated_dn: float = 254.5  # from which a pixel may be any brighter
+    imputations: int = 8
+    ridge: float = 1e-6  # of amplitudes, where spots melt together
+    least_light: float = 1e-5  # white being 1
+
+
+FIT = FitSettings()
+
+
+def fit_lattice(
+    frames: Frames, start: Lattice, face_light: float = FIT.no_face
+) -> Lattice:
     """Fit corners, spots and two levels to the pictures.
 
     The corners move freely, so a panel may be turned or seen in perspective. What is compared are the grey
@@ -50,7 +63,7 @@ def fit_lattice(frames: Frames, start: Lattice, face_light: float = NO_FACE) -> 
     """
     active = torch.arange(len(frames), device=start.blur.device)
     best, own = start[active], start[active]
-    for number in range(_STEPS):
+    for number in range(FIT.steps):
         # One frame goes twice: products of one matrix may be summed otherwise than those of several, and a
         # fit of what is no lattice can go either way.
         twice = active.new_zeros(2) if len(active) == 1 else slice(None)
@@ -83,9 +96,9 @@ def _improved(
     """Run step ``number``: lattices scored before it, lattices after it, and which (B,) need another step."""
     model = Model.of(_read(frames, lattice), lattice)
     unsettled = torch.full_like(
-        lattice.background, number <= _LINE_STEPS[0], dtype=torch.bool
+        lattice.background, number <= FIT.line_steps[0], dtype=torch.bool
     )
-    if number < _FREE_STEPS:
+    if number < FIT.free_steps:
         background = lattice.background.to(model.grey.dtype)[:, None, None]
         light = linear_light(model.grey) - background
         edges = model.edges
@@ -100,7 +113,7 @@ def _improved(
         if bool(turned.any()):
             unsettled |= turned
             model = Model.of(model.grey, lattice)
-        if number in _LINE_STEPS:
+        if number in FIT.line_steps:
             lattice, shifted = _with_missed_lines(model, lattice)
             if bool(shifted.any()):
                 unsettled |= shifted
@@ -109,25 +122,26 @@ def _improved(
     before = model.scored(lattice, trust)
     # A Gauss-Newton step, damped by what is expected of each value.
     predicted = model.predicted
-    slope = predicted / (GAMMA * model.light.clamp(min=1e-5))
+    slope = predicted / (GAMMA * model.light.clamp(min=FIT.least_light))
     slope = torch.where(model.light < 1, slope, 0.0).flatten(1)
     root = trust.sqrt().flatten(1)
     rest = (model.grey - predicted).flatten(1) * root
     jacobian = _changes(model, lattice) * (slope * root)[:, None]
     variance = (rest.square().mean(1) + lattice_model.ROUNDING_DN**2).double()[:, None]
     curvature = (jacobian @ jacobian.mT).double() / variance[..., None]
-    stiffness = _STIFF if number < _STIFF_STEPS else _EXPECTED
-    expected = torch.tensor((*stiffness, face_light), dtype=torch.float64)
+    corners = FIT.stiff_cells if number < FIT.stiff_steps else FIT.corners_cells
+    spreads = (*corners, *FIT.others, face_light)
+    expected = torch.tensor(spreads, dtype=torch.float64)
     curvature += torch.diag(expected**-2).to(curvature.device)
     slopes = (jacobian @ rest[..., None])[..., 0].double() / variance
     step = torch.linalg.solve(curvature, slopes)
     greatest = step[:, :8].abs().amax(1)
-    step = step * (_MOST_CELLS / greatest.clamp(min=_MOST_CELLS))[:, None]
+    step = step * (FIT.most_cells / greatest.clamp(min=FIT.most_cells))[:, None]
     cells, fields = _fields(lattice.shape, step.device)
     moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
     corners_px = resample.map_points(lattice.corners_px, cells + moves, lattice.shape)
     blur, levels = (
-        (lattice.blur + step[:, 8:10]).clamp(*_BLUR_CELLS),
+        (lattice.blur + step[:, 8:10]).clamp(*FIT.blur_cells),
         lattice.levels + step[:, 10:12],
     )
     background = (lattice.background + step[:, 12]).clamp(0, 1)
@@ -140,54 +154,33 @@ def _improved(
         background=background,
         face=face,
     )
-    return before, after, unsettled | (greatest >= _STILL_CELLS)
+    return before, after, unsettled | (greatest >= FIT.still_cells)
 
 
 def _changes(model: Model, lattice: Lattice) -> Tensor:
-    """Return the light's derivatives (B,14,H*W) by what :data:`_EXPECTED` lists, and by the face."""
+    """Return the light's derivatives (B,14,H*W) by corner fields, blur, levels, background and face.
+
+    A corner field moves the light at each sample along the light's own slope.
+    """
     rows, columns, amplitude = model.rows, model.columns, lattice.amplitudes()
-    (row_place, row_blur), (column_place, column_blur) = (
-        rows.changes(),
-        columns.changes(),
-    )
-    batch, high, wide = model.grey.shape
-    across = torch.cat([rows.value, rows.value * rows.lever], 1)
-    down = torch.cat([row_place, row_place * rows.lever, row_blur], 1)
-    sideways = torch.cat([column_place, column_place * columns.lever, column_blur], 1)
-    straight = torch.cat([columns.value, columns.value * columns.lever], 1)
-    # Products of all pairs at once; of each six the one that is no derivative is left out.
-    lit = torch.bmm(torch.cat([across, down], 1), amplitude)
-    by_x = (
-        torch.bmm(lit[:, : 2 * high], sideways.mT)
-        .view(batch, 2, high, 3, wide)
-        .transpose(2, 3)
-    )
-    by_y = (
-        torch.bmm(lit[:, 2 * high :], straight.mT)
-        .view(batch, 3, high, 2, wide)
-        .transpose(2, 3)
-    )
+    row_place, row_blur = rows.changes()
+    column_place, column_blur = columns.changes()
+    lit, across = rows.value @ amplitude, amplitude @ columns.value.mT
     up, along = model.edges
-    face = lattice.face.to(amplitude.dtype)[:, None, None, None, None]
-    samples = [
-        sample_cells(int(leds), SAMPLES, MARGIN).to(amplitude) / leds * 2 - 1
-        for leds in amplitude.shape[1:]
-    ]
-    v_face = torch.stack([up.value, up.value * samples[0]], 1)
-    u_face = torch.stack([along.value, along.value * samples[1]], 1)
-    ends_x = torch.stack([along.shift, along.stretch], 1)
-    ends_y = torch.stack([up.shift, up.stretch], 1)
-    face_x = face * v_face[:, :, None, :, None] * ends_x[:, None, :, None]
-    face_y = face * ends_y[:, :, None, :, None] * u_face[:, None, :, None]
-    changes = [
-        by_x[:, :, :2] + face_x,
-        by_y[:, :2] + face_y,
-        by_x[:, 0, 2],
-        by_y[:, 2, 0],
-    ]
-    box = up.value[:, :, None] * along.value[:, None]
-    changes += [model.parts, torch.ones_like(model.grey), box]
-    return torch.cat([one.reshape(batch, -1, high * wide) for one in changes], 1)
+    face = lattice.face.to(amplitude.dtype)[:, None, None]
+    by_x = lit @ column_place.mT + face * up.value[:, :, None] * along.shift[:, None]
+    by_y = row_place @ across + face * up.shift[:, :, None] * along.value[:, None]
+    v, u = (
+        sample_cells(leds, SAMPLES, MARGIN).to(amplitude) / leds * 2 - 1
+        for leds in lattice.shape.sides
+    )
+    v, u = torch.meshgrid(v, u, indexing="ij")
+    fields = torch.stack([torch.ones_like(u), u, v, u * v])
+    changes = [by_x[:, None] * fields, by_y[:, None] * fields]
+    changes += [(lit @ column_blur.mT)[:, None], (row_blur @ across)[:, None]]
+    changes += [model.parts, torch.ones_like(model.grey)[:, None]]
+    changes.append((up.value[:, :, None] * along.value[:, None])[:, None])
+    return torch.cat(changes, 1).flatten(2)
 
 
 @lru_cache(maxsize=32)
@@ -211,11 +204,11 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
         model.columns.value.double(),
     ):
         products = value.mT @ value
-        products.diagonal(dim1=1, dim2=2).add_(1e-6)
+        products.diagonal(dim1=1, dim2=2).add_(FIT.ridge)
         inverses.append(torch.linalg.solve(products, value.mT).float())
     down, across = inverses
     found: Tensor = down @ light @ across.mT
-    white = model.grey >= _SATURATED_DN
+    white = model.grey >= FIT.saturated_dn
     some = white.flatten(1).any(1).nonzero()[:, 0]
     if len(some):
         light, white, down, across = light[some], white[some], down[some], across[some]
@@ -224,7 +217,7 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
             model.columns.value[some].mT,
             found[some],
         )
-        for _ in range(_IMPUTATIONS):
+        for _ in range(FIT.imputations):
             guess = torch.maximum(light, rows @ own @ columns)
             own = down @ torch.where(white, guess, light) @ across.mT
         found[some] = own

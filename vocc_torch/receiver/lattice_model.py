@@ -23,7 +23,8 @@ MARGIN = 1
 
 # Standard deviation of rounding, DN: no picture fits better.
 ROUNDING_DN = 0.29
-_OUTLIER = 3.0
+OUTLIER = 3.0
+"""Mean absolute differences at which a squared difference counts by half."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,13 +103,11 @@ class Spots(NamedTuple):
         value: of spot n at sample N, 1 in its middle.
         offset: from the middle, in standard deviations.
         width: (B,1,1) the standard deviation, cells.
-        lever: (n,) the middles' places, -1 to 1 over the panel.
     """
 
     value: Tensor
     offset: Tensor
     width: Tensor
-    lever: Tensor
 
     @classmethod
     def of(cls, leds: int, blur: Tensor, moved_cells: int = 0) -> Self:
@@ -119,10 +118,10 @@ class Spots(NamedTuple):
             blur: of the spots.
             moved_cells: by which the panel is moved along the axis.
         """
-        apart, lever = _axis(leds, blur.device)
+        apart = _axis(leds, blur.device)
         width = blur.float()[:, None, None]
         offset = (apart - moved_cells) / width
-        return cls(torch.exp(-(offset**2) / 2), offset, width, lever)
+        return cls(torch.exp(-(offset**2) / 2), offset, width)
 
     def changes(self) -> tuple[Tensor, Tensor]:
         """Differentiate by the middle's place, per cell, and by the standard deviation, per cell."""
@@ -132,11 +131,11 @@ class Spots(NamedTuple):
 
 @lru_cache(maxsize=32)
 @torch.inference_mode(False)
-def _axis(leds: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return samples less the middles of an axis's spots, (N,n) cells, and the levers (n,)."""
+def _axis(leds: int, device: torch.device) -> Tensor:
+    """Return samples less the middles of an axis's spots, (N,n) cells."""
     centre = sample_cells(leds, 1, 0).float()
     apart = sample_cells(leds, SAMPLES, MARGIN).to(centre)[:, None] - centre
-    return apart.to(device), (2 * centre / leds - 1).to(device)
+    return apart.to(device)
 
 
 EDGE_OF_BLUR = 0.7
@@ -149,12 +148,10 @@ class Edges(NamedTuple):
     Args:
         value: 1 within the panel, 0 outside.
         shift: its derivative by the place of the panel, per cell.
-        stretch: its derivative by the place of the ends, outwards, per cell.
     """
 
     value: Tensor
     shift: Tensor
-    stretch: Tensor
 
     @classmethod
     def of(cls, leds: int, blur: Tensor, moved_cells: int = 0) -> Self:
@@ -172,7 +169,7 @@ class Edges(NamedTuple):
         slopes = [
             torch.exp(-(end**2) / 2) / (width * math.sqrt(2 * math.pi)) for end in ends
         ]
-        return cls(rises[0] - rises[1], slopes[1] - slopes[0], slopes[1] + slopes[0])
+        return cls(rises[0] - rises[1], slopes[1] - slopes[0])
 
 
 class Model(NamedTuple):
@@ -224,7 +221,7 @@ class Model(NamedTuple):
         Cauchy's weights, of which a squared difference loses half at three mean absolute ones.
         """
         rest = (self.grey - self.predicted).abs()
-        scale = _OUTLIER * rest.mean((1, 2), keepdim=True) + 1.0
+        scale = OUTLIER * rest.mean((1, 2), keepdim=True) + 1.0
         return 1 / (1 + (rest / scale) ** 2)
 
     def scored(self, lattice: Lattice, trust: Tensor) -> Lattice:
@@ -245,12 +242,21 @@ class Model(NamedTuple):
         )
 
 
-_MARGIN = 2
-# Steps of pitch, of shift, and by which the axes' pitches may differ, 4 % in a panel of 8; the fit stretches
-# what is seen aslant.
-_PITCHES, _SHIFTS, _MOST_APART, _BLURS = 20, 21, 1, (0.16, 0.26, 0.42)
-# Cells by which a panel's extent, and its middle, may differ from the quadrilateral's.
-_EXTENT, _SHIFT = 3.0, 1.5
+@dataclass(frozen=True)
+class SearchSettings:
+    """Grid of the search."""
+
+    margin: int = 2  # cells around the quadrilateral
+    pitches: int = 20
+    shifts: int = 21
+    most_apart: int = 1  # steps of pitch between the axes; the fit stretches further
+    blurs_cells: tuple[float, ...] = (0.16, 0.26, 0.42)
+    extent_cells: float = 3.0  # by which a panel may be larger than the quadrilateral
+    shift_cells: float = 1.5  # by which its middle may be off
+    least_leds: int = 8  # of an axis, for the steps of pitch
+
+
+SEARCH = SearchSettings()
 
 
 @lru_cache(maxsize=8)
@@ -262,18 +268,24 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
         (P,) pitches and (S,) shifts, cells; (N*(N+1)/2,P*S*G) upper triangles of projectors, in which what is
         beside the diagonal counts twice; (N*(N+1)/2,) where in N x N numbers the upper triangle lies.
     """
-    pitch = 1 + torch.linspace(-_EXTENT, _EXTENT, _PITCHES, dtype=torch.float64) / max(
-        most, 8
+    pitch = 1 + torch.linspace(
+        -SEARCH.extent_cells, SEARCH.extent_cells, SEARCH.pitches, dtype=torch.float64
+    ) / max(most, SEARCH.least_leds)
+    shift = torch.linspace(
+        -SEARCH.shift_cells, SEARCH.shift_cells, SEARCH.shifts, dtype=torch.float64
     )
-    shift = torch.linspace(-_SHIFT, _SHIFT, _SHIFTS, dtype=torch.float64)
-    blur = torch.tensor(_BLURS, dtype=torch.float64)
+    blur = torch.tensor(SEARCH.blurs_cells, dtype=torch.float64)
     p, s, g = (
         grid.flatten()[:, None, None]
         for grid in torch.meshgrid(pitch, shift, blur, indexing="ij")
     )
     centre = leds / 2 + s + p * (sample_cells(leds, 1, 0) - leds / 2)
     spots = torch.exp(
-        -(((sample_cells(leds, SAMPLES, _MARGIN)[:, None] - centre) / (g * p)) ** 2) / 2
+        -(
+            ((sample_cells(leds, SAMPLES, SEARCH.margin)[:, None] - centre) / (g * p))
+            ** 2
+        )
+        / 2
     )
     basis = torch.linalg.qr(spots)[0]
     row, column = torch.triu_indices(spots.shape[1], spots.shape[1])
@@ -319,7 +331,7 @@ def search_lattice(
         True
     """
     corners_px = _with_square_cells(corners_px, shape) if square else corners_px
-    grey = read_patches(frames, corners_px, shape, _MARGIN)
+    grey = read_patches(frames, corners_px, shape, SEARCH.margin)
     light = linear_light(grey) - linear_light(background.to(grey.dtype))[:, None, None]
     sides, products = (shape.columns, shape.rows), [light.mT @ light, light @ light.mT]
     banks = [_bank(leds, max(sides), light.device) for leds in sides]
@@ -333,23 +345,26 @@ def search_lattice(
         ]
     )
     bests = [
-        one.max(2) for one in energy.view(2, len(light), _PITCHES, _SHIFTS, len(_BLURS))
+        one.max(2)
+        for one in energy.view(
+            2, len(light), SEARCH.pitches, SEARCH.shifts, len(SEARCH.blurs_cells)
+        )
     ]
     # Energy by pitch along the rows, pitch down the columns and blur.
-    pitches = torch.arange(_PITCHES, device=light.device)
+    pitches = torch.arange(SEARCH.pitches, device=light.device)
     both = bests[0].values[:, :, None] + bests[1].values[:, None]
-    apart = (pitches[:, None] - pitches).abs() > _MOST_APART
+    apart = (pitches[:, None] - pitches).abs() > SEARCH.most_apart
     chosen = both.masked_fill(apart[..., None], -torch.inf).flatten(1).argmax(1)
-    blur, pair = chosen % len(_BLURS), chosen // len(_BLURS)
+    blur, pair = chosen % len(SEARCH.blurs_cells), chosen // len(SEARCH.blurs_cells)
     half, middle = [], []
     frame = torch.arange(len(light), device=light.device)
-    pair_pitches = (pair // _PITCHES, pair % _PITCHES)
+    pair_pitches = (pair // SEARCH.pitches, pair % SEARCH.pitches)
     for leds, bank, best, pitch in zip(sides, banks, bests, pair_pitches, strict=True):
         half.append(bank[0][pitch] * leds / 2)
         middle.append(bank[1][best.indices[frame, pitch, blur]] + leds / 2)
     corners = corner_cells(PanelShape(2, 2)).to(light.device) - 1
     cells = torch.stack(middle, 1)[:, None] + corners * torch.stack(half, 1)[:, None]
-    blurs = torch.tensor(_BLURS, dtype=torch.float64, device=light.device)
+    blurs = torch.tensor(SEARCH.blurs_cells, dtype=torch.float64, device=light.device)
     return map_points(corners_px, cells, shape), blurs[blur]
 
 

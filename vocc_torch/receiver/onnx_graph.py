@@ -3,7 +3,6 @@
 import logging
 import warnings
 from collections.abc import Callable
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -84,8 +83,6 @@ def write_graph(
             the file cannot be written.
     """
     demand_extra()
-    onnxscript: Any = import_module("onnxscript")
-    op, aten = onnxscript.opset18, torch.ops.aten
     learned = (
         receiver.classifier.classifier
         if isinstance(receiver.classifier, Guarded)
@@ -95,15 +92,6 @@ def write_graph(
         raise VoccError(
             f"receiver {receiver.name} decides by scikit-learn: no ONNX graph of torch has that"
         )
-
-    def searchsorted(
-        table: Any, x: Any, out_int32: bool = False, right: bool = False, **_: object
-    ) -> Any:
-        last = op.Constant(value_ints=[-1])
-        below = (op.GreaterOrEqual if right else op.Greater)(
-            op.Unsqueeze(x, last), table
-        )
-        return op.ReduceSum(op.Cast(below, to=onnxscript.INT64.dtype), last, keepdims=0)
 
     inputs = (frames,) if corners_px is None else (frames, corners_px)
     batch, height, width = (
@@ -127,12 +115,6 @@ def write_graph(
                 opset_version=18,
                 input_names=("frames", "corners")[: len(inputs)],
                 output_names=READ if len(inputs) == 2 else READ + FOUND,
-                custom_translation_table={
-                    aten.searchsorted.Tensor: searchsorted,
-                    aten.bucketize.Tensor: lambda x, table, **how: searchsorted(
-                        table, x, **how
-                    ),
-                },
             )
         except Exception as error:  # of many kinds, from a part that looks at numbers to choose what it does
             cause: BaseException = error

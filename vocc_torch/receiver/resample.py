@@ -140,6 +140,25 @@ def _homography(corners: Tensor, shape: PanelShape) -> Tensor:
     return torch.stack(columns, 2)
 
 
+def cut_about(frame: Frames, corners_px: Tensor, beyond_px: Tensor) -> Frames:
+    """Cut one frame to the box of corners (4,2) px and ``beyond_px`` around it, at least a pixel of the frame.
+
+    Example:
+        >>> frame = Frames.whole(torch.zeros(1, 40, 60))
+        >>> corners = torch.tensor([[20.0, 9.5], [28.0, 9.5], [28.0, 18.0], [20.0, 18.0]])
+        >>> cut = cut_about(frame, corners, torch.tensor(2.0))
+        >>> tuple(cut.grey.shape[-2:]), cut.origin_px.tolist()
+        ((13, 12), [[18, 7]])
+    """
+    size = corners_px.new_tensor(frame.grey.shape[:1:-1])
+    low, high = (corners_px - frame.origin_px[0]).aminmax(dim=0)
+    low = (low - beyond_px).floor().clamp(min=0).minimum(size - 1)
+    high = (high + beyond_px).ceil().minimum(size).maximum(low + 1)
+    (left, top), (right, below) = low.long().tolist(), high.long().tolist()
+    grey = frame.grey[..., top:below, left:right]
+    return Frames(grey, frame.origin_px + low.long(), frame.sensor_px)
+
+
 def cell_size_px(corners_px: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
     """Mean width and height of an LED cell in the image, (B,) each, px: the gradients' resampling scale.
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, whole_number
 from vocc_torch.receiver.detector.nearby import LEAST_LOG_ODDS, Surroundings
-from vocc_torch.receiver.detector.placer import moved
+from vocc_torch.receiver.detector.placer import AXES, moved
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.locators.detector import networks_of
@@ -42,7 +42,7 @@ class TrackerSettings:
 
 SETTINGS = TrackerSettings()
 
-SLIPS = torch.tensor([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+SLIPS = torch.cat([torch.zeros(1, 2), AXES])
 """Cells, across and down, by which a followed lattice may have slipped; the first is none."""
 
 
@@ -81,11 +81,11 @@ class Track:
         """Corners (4,2) px where its motion leads."""
         return self.corners + self.motion * self.unseen
 
-    def follow(self, networks: Networks, grey: Tensor, shape: PanelShape) -> bool:
-        """Look in a frame (H,W) uint8 where the motion leads, and say whether the panel is there."""
+    def follow(self, networks: Networks, frame: Frames, shape: PanelShape) -> bool:
+        """Look in a frame where the motion leads, and say whether the panel is there."""
         self.misses += 1
         expected = self.expected
-        around = Surroundings.of(networks, grey, expected, shape)
+        around = Surroundings.of(networks, frame, expected, shape)
         corners, odds = around.place(expected)
         if odds < min(SETTINGS.clear_log_odds, self.log_odds - SETTINGS.fallen):
             other, others_odds = around.place(expected, wide=True)
@@ -93,7 +93,7 @@ class Track:
             others_odds -= SETTINGS.per_cell * far
             if others_odds > odds:
                 corners, odds = other, others_odds
-        limits = corners.new_tensor([grey.shape[1], grey.shape[0]])
+        limits = corners.new_tensor(frame.grey.shape[:1:-1])
         inside = bool(((corners.mean(0) >= 0) & (corners.mean(0) <= limits)).all())
         if odds < LEAST_LOG_ODDS or not inside:
             return False
@@ -189,11 +189,10 @@ class Tracker:
 
     def _next(self, frame: Frames) -> list[Track]:
         """Follow in one frame, and search where it is due."""
-        grey = frame.grey[0, 0]
         seen = [
             track
             for track in self.tracks
-            if track.follow(self.networks, grey, self.shape)
+            if track.follow(self.networks, frame, self.shape)
         ]
         seen = _apart(seen)
         self.tracks = [
@@ -205,7 +204,7 @@ class Tracker:
         missed = len(seen) < len(self.tracks) and self._since >= SETTINGS.soon
         if not seen or self._since >= self.every or missed:
             self._since, self.searches = 0, self.searches + 1
-            met = [self._met(grey, *found) for found in self._found(frame)]
+            met = [self._met(frame, *found) for found in self._found(frame)]
             for track in self.tracks:
                 track.doubts = 0 if not met or track in met else track.doubts + 1
             self.tracks = [
@@ -255,9 +254,11 @@ class Tracker:
         columns = corners, found.score.tolist(), found.false_alarms.tolist()
         yield from zip(*columns, strict=True)
 
-    def _met(self, grey: Tensor, corners: Tensor, score: float, alarms: float) -> Track:
+    def _met(
+        self, frame: Frames, corners: Tensor, score: float, alarms: float
+    ) -> Track:
         """Correct the track that a search met, or begin one."""
-        around = Surroundings.of(self.networks, grey, corners, self.shape)
+        around = Surroundings.of(self.networks, frame, corners, self.shape)
         odds = float(around.odds_of(corners, SLIPS[:1]))
         if odds < LEAST_LOG_ODDS:
             other, others_odds = around.place(corners, wide=True)

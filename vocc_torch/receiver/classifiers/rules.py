@@ -141,7 +141,7 @@ class LmmseEqualizer(_Scored):
         weights, centres = fitted(self._weights), fitted(self._centres)
         rows, size = self._split(x)
         last = self.classes - 1
-        upper = torch.bucketize(size.double(), centres).clamp(1, max(1, last))
+        upper = (size.double()[:, None] > centres).sum(1).clamp(1, max(1, last))
         upper = upper.clamp(max=last)
         lower = (upper - 1).clamp(min=0)
         step = (centres[upper] - centres[lower]).clamp(min=1e-12)

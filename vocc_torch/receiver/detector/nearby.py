@@ -10,7 +10,8 @@ from vocc_torch.receiver.detector.pipeline import flattened
 from vocc_torch.receiver.detector.placer import moved, placed
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.weights import Networks
-from vocc_torch.types import PanelShape
+from vocc_torch.receiver.resample import cut_about
+from vocc_torch.types import Frames, PanelShape
 
 
 @dataclass(frozen=True)
@@ -47,19 +48,13 @@ class Surroundings:
 
     @classmethod
     def of(
-        cls, networks: Networks, grey: Tensor, corners: Tensor, shape: PanelShape
+        cls, networks: Networks, frame: Frames, corners: Tensor, shape: PanelShape
     ) -> "Surroundings":
-        """Crop a frame (H,W) uint8 about corners (4,2) px."""
-        limits = corners.new_tensor([grey.shape[1], grey.shape[0]])
-        low, high = corners.amin(0), corners.amax(0)
-        room = (
-            SETTINGS.margin_cells * (high - low).amax() / min(shape.rows, shape.columns)
-        )
-        low = (low - room).floor().clamp(min=0).minimum(limits - 1)
-        high = (high + room).ceil().minimum(limits).maximum(low + 1)
-        (left, top), (right, below) = low.long().tolist(), high.long().tolist()
-        crop = grey[top:below, left:right]
-        return cls(networks, Pyramid.of(crop[None, None]), low, shape)
+        """Crop one frame about corners (4,2) px."""
+        side = (corners.amax(0) - corners.amin(0)).amax()
+        room = SETTINGS.margin_cells * side / min(shape.sides)
+        crop = cut_about(frame, corners, room)
+        return cls(networks, Pyramid.of(crop.grey), crop.origin_px[0], shape)
 
     def place(self, corners: Tensor, wide: bool = False) -> tuple[Tensor, float]:
         """Put corners (4,2) px right that are off by up to a cell, by some more in a wide search.

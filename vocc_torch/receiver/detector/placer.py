@@ -35,13 +35,13 @@ class PlacerSettings:
 
 SETTINGS = PlacerSettings()
 
-_AXES = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+AXES = torch.stack([torch.eye(2), -torch.eye(2)], 1).flatten(0, 1)
 """A cell across and down, to either side."""
 
 _ENDS = torch.cat([torch.eye(4), torch.eye(4) + torch.eye(4).roll(1, 1)])
 """The four corners, and the four sides."""
 
-SLIPS = (_ENDS[:, None, :, None] * _AXES[:, None]).flatten(0, 1)
+SLIPS = (_ENDS[:, None, :, None] * AXES[:, None]).flatten(0, 1)
 """Moves (32,4,2), cells, of a corner or a side by a cell."""
 
 
@@ -182,7 +182,7 @@ def slips(quad: Tensor, shape: PanelShape) -> Tensor:
 
 def asides(quad: Tensor, shape: PanelShape) -> Tensor:
     """Move a candidate (4,2) px by a cell, (4,4,2)."""
-    return moved(quad, _AXES[:, None], shape)
+    return moved(quad, AXES[:, None], shape)
 
 
 def moved(quad: Tensor, cells: Tensor, shape: PanelShape) -> Tensor:

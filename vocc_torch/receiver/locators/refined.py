@@ -168,7 +168,9 @@ class RefinedLocator(PanelLocator):
         self._left_to_paper(panels, others, frames[others], shape)
         level, noise = torch.zeros(2, len(frames), device=frames.grey.device)
         for row in panels.found.nonzero():
-            about = window(frames[row], panels.corners_px[row[0]])
+            corners_px = panels.corners_px[row[0]]
+            half = (corners_px.amax(0) - corners_px.amin(0)) / 2
+            about = resample.cut_about(frames[row], corners_px, half)
             level[row], noise[row] = ring_level(about.grey)
             self._refit(panels, row, about, level, noise, shape)
         return panels
@@ -239,10 +241,10 @@ def _fitted(
         for size in REFINED.sizes:
             sized = (middle + size * (cells - middle)).expand(len(rows), 4, 2)
             corners = resample.map_points(start[rows], sized, shape)
-            retry(rows, corners, blur[rows], lattice_fit.NO_FACE)
+            retry(rows, corners, blur[rows], lattice_fit.FIT.no_face)
         crops = frames[rows], corners_px[rows], background[rows]
         oblong = lattice_model.search_lattice(*crops, shape, square=False)
-        retry(rows, *oblong, lattice_fit.NO_FACE)
+        retry(rows, *oblong, lattice_fit.FIT.no_face)
     return lattice
 
 
@@ -281,19 +283,6 @@ def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
         quarter = torch.where(quarter.abs() == 2, 2, 0)
     index = (torch.arange(4, device=x.device) - quarter[:, None]) % 4
     return corners_px.gather(1, index[..., None].expand(-1, -1, 2))
-
-
-def window(frame: Frames, corners_px: Tensor) -> Frames:
-    """Cut one frame to a panel at corners (4,2) px and half its size on each side."""
-    size = corners_px.new_tensor(frame.grey.shape[:1:-1])
-    local = corners_px - frame.origin_px[0]
-    low, high = local.amin(0), local.amax(0)
-    beyond = (high - low) / 2
-    low = (low - beyond).floor().clamp(min=0).minimum(size - 1)
-    high = (high + beyond).ceil().minimum(size).maximum(low + 1)
-    (left, top), (right, below) = low.long().tolist(), high.long().tolist()
-    grey = frame.grey[..., top:below, left:right]
-    return Frames(grey, frame.origin_px + low.long(), frame.sensor_px)
 
 
 def ring_level(grey: Tensor) -> tuple[Tensor, Tensor]:
