@@ -11,8 +11,8 @@ from vocc_torch.receiver.resample import corner_cells, map_points
 from vocc_torch.studies.train_detector.pool import Form
 from vocc_torch.studies.train_detector.sampling import (
     Found,
+    NetworkTraining,
     Sampler,
-    Training,
     joined,
     panels_of,
     with_truth,
@@ -23,7 +23,7 @@ BATCH = 128
 
 
 @dataclass(frozen=True)
-class CandidateTraining(Training):
+class CandidateTraining(NetworkTraining):
     """Settings of the training; lengths in the candidates' cells."""
 
     rough: tuple[

@@ -99,7 +99,7 @@ class Pictures(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Training:
+class NetworkTraining:
     """Settings of a network's training."""
 
     shapes: tuple[tuple[int, int], ...]  # rows and columns, one of them a batch
@@ -118,7 +118,7 @@ class Sampler(ABC):
         scale: of a batch, 1 for the usual size.
     """
 
-    settings: Training
+    settings: NetworkTraining
 
     def __init__(self, pool: Pool, scale: int = 1) -> None:
         self.pool, self.scale = pool, scale

@@ -19,9 +19,9 @@ from vocc_torch.studies.train_detector.pool import Form
 from vocc_torch.studies.train_detector.sampling import (
     UNIT,
     Found,
+    NetworkTraining,
     Pictures,
     Sampler,
-    Training,
     ordered,
     panels_of,
     proposals,
@@ -30,7 +30,7 @@ from vocc_torch.types import PanelShape
 
 
 @dataclass(frozen=True)
-class ScoutTraining(Training):
+class ScoutTraining(NetworkTraining):
     """Settings of the training."""
 
     shapes: tuple[tuple[int, int], ...] = ((1, 1),)  # whatever they are
