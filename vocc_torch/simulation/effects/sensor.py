@@ -211,7 +211,8 @@ class ElectronNoise(Effect, on=Quantity.ELECTRONS):
             ]
             plane: Numbers = np.block(lines)[top % TILE_PX :, left % TILE_PX :]
             planes.append(plane[:, :width])
-        return np.stack(planes)
+        # A full frame is alone, and not copied.
+        return np.stack(planes) if len(planes) > 1 else planes[0][None]
 
     def normals(
         self, value: Tensor, context: Context, dtype: type[np.floating[Any]]
@@ -519,7 +520,8 @@ class ReadNoise(ElectronNoise):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Add noise, drawn in float32, to (B,1,H,W) electrons."""
-        noise = self.normals(value, context, np.float32) * np.float32(self.electrons)
+        noise = self.normals(value, context, np.float32)
+        noise *= np.float32(self.electrons)
         return value + torch.from_numpy(noise).unsqueeze(1).to(value)
 
 
