@@ -99,11 +99,7 @@ def _improved(
         lattice.background, number <= FIT.line_steps[0], dtype=torch.bool
     )
     if number < FIT.free_steps:
-        background = lattice.background.to(model.grey.dtype)[:, None, None]
-        light = linear_light(model.grey) - background
-        edges = model.edges
-        face = lattice.face.to(light.dtype)[:, None, None]
-        light = light - face * edges[0].value[:, :, None] * edges[1].value[:, None]
+        light = linear_light(model.grey) - model.base
         bits, found = _two_levels(_amplitudes(light, model))
         levels = lattice.levels if number else found.double()
         lattice = replace(lattice, bits=bits, levels=levels)
@@ -138,7 +134,7 @@ def _improved(
     greatest = step[:, :8].abs().amax(1)
     step = step * (FIT.most_cells / greatest.clamp(min=FIT.most_cells))[:, None]
     cells, fields = _fields(lattice.shape, step.device)
-    moves = torch.stack([step[:, :4] @ fields, step[:, 4:8] @ fields], 2)
+    moves = (step[:, :8].unflatten(1, (2, 4)) @ fields).mT
     corners_px = resample.map_points(lattice.corners_px, cells + moves, lattice.shape)
     blur, levels = (
         (lattice.blur + step[:, 8:10]).clamp(*FIT.blur_cells),
@@ -162,24 +158,19 @@ def _changes(model: Model, lattice: Lattice) -> Tensor:
 
     A corner field moves the light at each sample along the light's own slope.
     """
-    rows, columns, amplitude = model.rows, model.columns, lattice.amplitudes()
-    row_place, row_blur = rows.changes()
-    column_place, column_blur = columns.changes()
-    lit, across = rows.value @ amplitude, amplitude @ columns.value.mT
-    up, along = model.edges
-    face = lattice.face.to(amplitude.dtype)[:, None, None]
-    by_x = lit @ column_place.mT + face * up.value[:, :, None] * along.shift[:, None]
-    by_y = row_place @ across + face * up.shift[:, :, None] * along.value[:, None]
+    amplitude, box = lattice.amplitudes(), model.box[:, None]
+    down, across = torch.gradient(model.light, spacing=1 / SAMPLES, dim=(1, 2))
     v, u = (
         sample_cells(leds, SAMPLES, MARGIN).to(amplitude) / leds * 2 - 1
         for leds in lattice.shape.sides
     )
     v, u = torch.meshgrid(v, u, indexing="ij")
     fields = torch.stack([torch.ones_like(u), u, v, u * v])
-    changes = [by_x[:, None] * fields, by_y[:, None] * fields]
-    changes += [(lit @ column_blur.mT)[:, None], (row_blur @ across)[:, None]]
-    changes += [model.parts, torch.ones_like(model.grey)[:, None]]
-    changes.append((up.value[:, :, None] * along.value[:, None])[:, None])
+    corners = [-slope[:, None] * fields for slope in (across, down)]
+    wider = model.rows.spots @ amplitude @ model.columns.by_blur.mT
+    taller = model.rows.by_blur @ amplitude @ model.columns.spots.mT
+    blurs = torch.stack([wider, taller], 1)
+    changes = [*corners, blurs, model.parts, torch.ones_like(box), box]
     return torch.cat(changes, 1).flatten(2)
 
 
@@ -200,8 +191,8 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
     # Pseudo-inverses of the spots' profiles, near singular where spots melt together.
     inverses = []
     for value in (
-        model.rows.value.double(),
-        model.columns.value.double(),
+        model.rows.spots.double(),
+        model.columns.spots.double(),
     ):
         products = value.mT @ value
         products.diagonal(dim1=1, dim2=2).add_(FIT.ridge)
@@ -213,8 +204,8 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
     if len(some):
         light, white, down, across = light[some], white[some], down[some], across[some]
         rows, columns, own = (
-            model.rows.value[some],
-            model.columns.value[some].mT,
+            model.rows.spots[some],
+            model.columns.spots[some].mT,
             found[some],
         )
         for _ in range(FIT.imputations):

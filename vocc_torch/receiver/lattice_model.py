@@ -3,7 +3,6 @@
 :func:`search_lattice` finds where the lattice may lie near a quadrilateral, over pitch, place and blur.
 """
 
-import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple, Self
@@ -96,80 +95,47 @@ def read_patches(
     ].float()
 
 
-class Spots(NamedTuple):
-    """Profiles of the spots along an axis at its samples, (B,N,n) float32.
+EDGE_OF_BLUR = 0.7
+"""Standard deviation of the face's blurred edge over that of a spot, which has its LED's size in it."""
+
+
+class Axis(NamedTuple):
+    """Profiles along an axis at its samples, float32.
 
     Args:
-        value: of spot n at sample N, 1 in its middle.
-        offset: from the middle, in standard deviations.
-        width: (B,1,1) the standard deviation, cells.
+        spots: (B,N,n) of spot n at sample N, 1 in its middle.
+        by_blur: (B,N,n) their derivatives by the spots' standard deviation, per cell.
+        face: (B,N) of the face, 1 within the panel, 0 outside.
     """
 
-    value: Tensor
-    offset: Tensor
-    width: Tensor
+    spots: Tensor
+    by_blur: Tensor
+    face: Tensor
 
     @classmethod
     def of(cls, leds: int, blur: Tensor, moved_cells: int = 0) -> Self:
-        """Compute the profiles of ``leds`` spots along an axis from their standard deviations (B,), cells.
+        """Compute the profiles of a panel from the standard deviations (B,) of its spots, cells.
 
         Args:
             leds: along the axis.
             blur: of the spots.
             moved_cells: by which the panel is moved along the axis.
         """
-        apart = _axis(leds, blur.device)
-        width = blur.float()[:, None, None]
-        offset = (apart - moved_cells) / width
-        return cls(torch.exp(-(offset**2) / 2), offset, width)
-
-    def changes(self) -> tuple[Tensor, Tensor]:
-        """Differentiate by the middle's place, per cell, and by the standard deviation, per cell."""
-        by_place = self.value * self.offset / self.width
-        return by_place, by_place * self.offset
+        samples, middles = _places(leds, blur.device)
+        samples, width = samples - moved_cells, blur.float()[:, None, None]
+        offset = (samples[:, None] - middles) / width
+        spots = torch.exp(-(offset**2) / 2)
+        edge = EDGE_OF_BLUR * width[..., 0]
+        rise, fall = (torch.special.ndtr((samples - end) / edge) for end in (0, leds))
+        return cls(spots, spots * offset**2 / width, rise - fall)
 
 
 @lru_cache(maxsize=32)
 @torch.inference_mode(False)
-def _axis(leds: int, device: torch.device) -> Tensor:
-    """Return samples less the middles of an axis's spots, (N,n) cells."""
-    centre = sample_cells(leds, 1, 0).float()
-    apart = sample_cells(leds, SAMPLES, MARGIN).to(centre)[:, None] - centre
-    return apart.to(device)
-
-
-EDGE_OF_BLUR = 0.7
-"""Standard deviation of the face's blurred edge over that of a spot, which has its LED's size in it."""
-
-
-class Edges(NamedTuple):
-    """Profile of the face along an axis at its samples, (B,N) float32.
-
-    Args:
-        value: 1 within the panel, 0 outside.
-        shift: its derivative by the place of the panel, per cell.
-    """
-
-    value: Tensor
-    shift: Tensor
-
-    @classmethod
-    def of(cls, leds: int, blur: Tensor, moved_cells: int = 0) -> Self:
-        """Compute the profile of a panel of ``leds`` LEDs from the spots' standard deviation (B,), cells.
-
-        Args:
-            leds: see :meth:`Spots.of`.
-            blur: likewise.
-            moved_cells: likewise.
-        """
-        width = EDGE_OF_BLUR * blur.float()[:, None]
-        samples = sample_cells(leds, SAMPLES, MARGIN).to(width) - moved_cells
-        ends = samples / width, (samples - leds) / width
-        rises = [torch.special.ndtr(end) for end in ends]
-        slopes = [
-            torch.exp(-(end**2) / 2) / (width * math.sqrt(2 * math.pi)) for end in ends
-        ]
-        return cls(rises[0] - rises[1], slopes[1] - slopes[0])
+def _places(leds: int, device: torch.device) -> list[Tensor]:
+    """Return an axis's samples (N,) and the middles of its spots (n,), cells, float32."""
+    places = sample_cells(leds, SAMPLES, MARGIN), sample_cells(leds, 1, 0)
+    return [place.float().to(device) for place in places]
 
 
 class Model(NamedTuple):
@@ -177,18 +143,20 @@ class Model(NamedTuple):
 
     Args:
         grey: (B,H,W) float32, the picture as resampled about the lattice, DN.
-        rows: spots down the columns, one a row.
-        columns: spots along the rows, one a column.
-        edges: of the face, down the columns and along the rows.
+        rows: down the columns, with a spot for each row.
+        columns: along the rows, with a spot for each column.
+        box: (B,H,W) light of a face of 1.
+        base: (B,H,W) light without LEDs: that of the background and of the face.
         parts: (B,2,H,W) light of the Off and of the On LEDs at levels of 1.
         light: (B,H,W) light that the lattice predicts, background included.
         predicted: (B,H,W) its grey values, DN.
     """
 
     grey: Tensor
-    rows: Spots
-    columns: Spots
-    edges: tuple[Edges, Edges]
+    rows: Axis
+    columns: Axis
+    box: Tensor
+    base: Tensor
     parts: Tensor
     light: Tensor
     predicted: Tensor
@@ -198,22 +166,20 @@ class Model(NamedTuple):
         cls, grey: Tensor, lattice: Lattice, moved_cells: tuple[int, int] = (0, 0)
     ) -> Self:
         """Predict pictures that are resampled about the lattices, or cells beside them, down and across."""
-        across, down = lattice.blur.unbind(1)
-        leds = lattice.shape.rows, lattice.shape.columns
-        sides = list(zip(leds, (down, across), moved_cells, strict=True))
-        rows, columns = (Spots.of(*side) for side in sides)
-        up, along = (Edges.of(*side) for side in sides)
-        edges = up, along
+        blurs = lattice.blur.flip(1).unbind(1)
+        sides = list(zip(lattice.shape.sides, blurs, moved_cells, strict=True))
+        rows, columns = (Axis.of(*side) for side in sides)
         both = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
-        parts = rows.value[:, None] @ both @ columns.value[:, None].mT
-        levels, background = (
-            lattice.levels.to(grey.dtype),
-            lattice.background.to(grey.dtype),
+        parts = rows.spots[:, None] @ both @ columns.spots[:, None].mT
+        box = rows.face[:, :, None] * columns.face[:, None]
+        background, face = (
+            light.to(grey.dtype)[:, None, None]
+            for light in (lattice.background, lattice.face)
         )
-        light = (parts * levels[:, :, None, None]).sum(1) + background[:, None, None]
-        face = lattice.face.to(grey.dtype)[:, None, None]
-        light = light + face * edges[0].value[:, :, None] * edges[1].value[:, None]
-        return cls(grey, rows, columns, edges, parts, light, grey_values(light))
+        base = background + face * box
+        levels = lattice.levels.to(grey.dtype)[:, :, None, None]
+        light = base + (parts * levels).sum(1)
+        return cls(grey, rows, columns, box, base, parts, light, grey_values(light))
 
     def trust(self) -> Tensor:
         """Weigh pixels (B,H,W): what the lattice cannot explain, such as what hides the panel, counts little.

@@ -140,18 +140,10 @@ class DetectorLocator(PanelLocator):
             # Frame by frame: what is found does not depend on how many come together.
             for number in range(len(exact) if exact.grey.numel() else 0):
                 quads, odds = detected(networks, exact[number : number + 1], shape)
-                alarms = (
-                    torch.full_like(odds, math.inf)
-                    if table is None
-                    else table.expected(odds)
-                )
-                if self.weights:
-                    sure = odds >= (-math.inf if self.false_alarms == math.inf else 0.0)
-                    quads, odds, alarms = (
-                        quads[sure],
-                        odds[sure],
-                        alarms[sure] * math.nan,
-                    )
+                if self.weights and self.false_alarms != math.inf:
+                    quads, odds = quads[odds >= 0], odds[odds >= 0]
+                alarms = torch.full_like(odds, math.nan if self.weights else math.inf)
+                alarms = alarms if table is None else table.expected(odds)
                 corners = (quads * PARTS_PER_PX).round() / PARTS_PER_PX
                 rows = torch.full_like(odds, number, dtype=torch.int64)
                 found.append(Candidates(rows, corners, odds.sigmoid(), alarms))
