@@ -22,13 +22,11 @@ class FitSettings:
 
     steps: int = 12
     free_steps: int = 2  # that take bits from amplitudes; later ones turn single bits
-    line_steps: tuple[int, ...] = (3, 6)  # before which a missed line is looked for
-    stiff_steps: int = 3  # bits may be wrong: hardly any turn, shear and perspective
+    line_step: int = 3  # before which a missed line is looked for
     still_cells: float = 4e-3  # a step below this is the last
     most_cells: float = 0.4  # of a step
     # Standard deviations: of the corner fields 1, u, v and uv in x and in y, in cells.
     corners_cells: tuple[float, ...] = (1.0, 0.5, 0.5, 0.1, 1.0, 0.5, 0.5, 0.1)
-    stiff_cells: tuple[float, ...] = (1.0, 0.5, 0.05, 0.02, 1.0, 0.05, 0.5, 0.02)
     # The same of the blur in cells, of the levels and the background in light, white being 1.
     others: tuple[float, ...] = (0.2, 0.2, 0.3, 1.0, 0.02)
     no_face: float = 1e-6  # light of the face where a panel is taken to have none
@@ -96,7 +94,7 @@ def _improved(
     """Run step ``number``: lattices scored before it, lattices after it, and which (B,) need another step."""
     model = Model.of(_read(frames, lattice), lattice)
     unsettled = torch.full_like(
-        lattice.background, number <= FIT.line_steps[0], dtype=torch.bool
+        lattice.background, number <= FIT.line_step, dtype=torch.bool
     )
     if number < FIT.free_steps:
         light = linear_light(model.grey) - model.base
@@ -109,7 +107,7 @@ def _improved(
         if bool(turned.any()):
             unsettled |= turned
             model = Model.of(model.grey, lattice)
-        if number in FIT.line_steps:
+        if number == FIT.line_step:
             lattice, shifted = _with_missed_lines(model, lattice)
             if bool(shifted.any()):
                 unsettled |= shifted
@@ -125,8 +123,7 @@ def _improved(
     jacobian = _changes(model, lattice) * (slope * root)[:, None]
     variance = (rest.square().mean(1) + lattice_model.ROUNDING_DN**2).double()[:, None]
     curvature = (jacobian @ jacobian.mT).double() / variance[..., None]
-    corners = FIT.stiff_cells if number < FIT.stiff_steps else FIT.corners_cells
-    spreads = (*corners, *FIT.others, face_light)
+    spreads = (*FIT.corners_cells, *FIT.others, face_light)
     expected = torch.tensor(spreads, dtype=torch.float64)
     curvature += torch.diag(expected**-2).to(curvature.device)
     slopes = (jacobian @ rest[..., None])[..., 0].double() / variance

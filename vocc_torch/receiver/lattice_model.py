@@ -266,8 +266,6 @@ def search_lattice(
     corners_px: Tensor,
     background: Tensor,
     shape: PanelShape,
-    *,
-    square: bool = True,
 ) -> tuple[Tensor, Tensor]:
     """Find the lattice near a quadrilateral whose spots explain most of the light.
 
@@ -280,7 +278,6 @@ def search_lattice(
         corners_px: (B,4,2) quadrilaterals, off by up to 1.5 cells in place and 3 in extent.
         background: (B,) grey value of what is around the panel.
         shape: rows and columns, at most 16 each: a search takes memory by their square.
-        square: whether cells are looked for that are nearly square, or nearly of the quadrilateral's.
 
     Returns:
         (B,4,2) corners of the best lattice, and (B,) its spots' standard deviation, cells; of equally good
@@ -296,7 +293,6 @@ def search_lattice(
         >>> bool((corners[0, [0, 2]] - torch.tensor([[18.0, 18.0], [50.0, 50.0]])).abs().max() < 1.5)
         True
     """
-    corners_px = _with_square_cells(corners_px, shape) if square else corners_px
     grey = read_patches(frames, corners_px, shape, SEARCH.margin)
     light = linear_light(grey) - linear_light(background.to(grey.dtype))[:, None, None]
     sides, products = (shape.columns, shape.rows), [light.mT @ light, light @ light.mT]
@@ -332,21 +328,3 @@ def search_lattice(
     cells = torch.stack(middle, 1)[:, None] + corners * torch.stack(half, 1)[:, None]
     blurs = torch.tensor(SEARCH.blurs_cells, dtype=torch.float64, device=light.device)
     return map_points(corners_px, cells, shape), blurs[blur]
-
-
-def _with_square_cells(corners_px: Tensor, shape: PanelShape) -> Tensor:
-    """Return rectangles of square cells with the place, direction and area of quadrilaterals (B,4,2).
-
-    A first quadrilateral may leave out a line of Off LEDs, or take in what lies beside the panel.
-    """
-    top_left, top_right, low_right, low_left = corners_px.unbind(1)
-    across = (top_right - top_left + low_right - low_left) / 2
-    down = (low_left - top_left + low_right - top_right) / 2
-    wide, high = across.norm(dim=1, keepdim=True), down.norm(dim=1, keepdim=True)
-    cell = (wide * high / shape.leds).sqrt()
-    along = across / wide.clamp(min=1e-9) * cell * shape.columns / 2
-    below = down / high.clamp(min=1e-9) * cell * shape.rows / 2
-    corners = torch.stack(
-        [-along - below, along - below, along + below, below - along], 1
-    )
-    return corners + corners_px.mean(1, keepdim=True)

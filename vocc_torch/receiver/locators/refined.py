@@ -242,9 +242,6 @@ def _fitted(
             sized = (middle + size * (cells - middle)).expand(len(rows), 4, 2)
             corners = resample.map_points(start[rows], sized, shape)
             retry(rows, corners, blur[rows], lattice_fit.FIT.no_face)
-        crops = frames[rows], corners_px[rows], background[rows]
-        oblong = lattice_model.search_lattice(*crops, shape, square=False)
-        retry(rows, *oblong, lattice_fit.FIT.no_face)
     return lattice
 
 
