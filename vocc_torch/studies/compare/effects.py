@@ -280,7 +280,7 @@ def print_effects(rows: Sequence[Row]) -> None:
                 rate = row.get(f"{reading}_ber_with")
                 cells[reading] = None if rate is None else 1000 * rate
                 if change := row.get(f"{reading}_change"):
-                    numbers = (1000 * number for number in astuple(change))
+                    numbers = (round(1000 * end, 2) for end in astuple(change))
                     cells[reading] = Estimate(*numbers)
     note = (
         "Added time and changes of the bit error rate with 95 % intervals, on the same frames."

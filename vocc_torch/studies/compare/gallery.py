@@ -20,7 +20,8 @@ class GallerySettings:
 
     side_panels: float = 1.5  # side of a picture in sides of the panel
     least_spread_grey: float = 3.0  # least standard deviation with a panel in it
-    seen_grey: float = 1.5  # least mean change that the eye sees
+    seen_grey: float = 8.0  # least change that the eye sees
+    seen_percent: float = 1.0  # of the pixels, that must change so much
     draws: int = 4  # of an effect that not every frame shows
     columns: int = 6  # pictures in a row
     cell_in: tuple[float, float] = (1.8, 0.3)  # width of a picture, height of its name
@@ -86,8 +87,9 @@ def gallery_pictures(study: EffectStudy) -> Iterator[Picture]:
 
 def seen(pixels: Bytes, plain: Bytes) -> bool:
     """Say whether the eye sees that grey values differ."""
-    change = np.abs(pixels.astype(int) - plain).mean()
-    return bool(change >= SETTINGS.seen_grey)
+    change = np.abs(pixels.astype(int) - plain)
+    most = np.percentile(change, 100 - SETTINGS.seen_percent)
+    return bool(most >= SETTINGS.seen_grey)
 
 
 def scenes_of(study: EffectStudy, pair: ScenePair) -> list[Effects]:
