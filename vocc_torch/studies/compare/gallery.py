@@ -20,7 +20,7 @@ class GallerySettings:
 
     side_panels: float = 1.5  # side of a picture in sides of the panel
     least_spread_grey: float = 3.0  # least standard deviation with a panel in it
-    seen_grey: float = 8.0  # least change that the eye sees
+    seen_grey: float = 5.0  # least change that the eye sees
     seen_percent: float = 1.0  # of the pixels, that must change so much
     draws: int = 4  # of an effect that not every frame shows
     columns: int = 6  # pictures in a row
