@@ -260,3 +260,18 @@ def test_turned_frames_are_those_of_pillow(frames, turn, mirror):
 def test_a_frame_prints_without_its_pixels():
     (frame,) = read_array(np.zeros((40, 50), np.uint8), "luma")
     assert "[[" not in repr(frame)
+
+
+def test_a_file_of_an_array_reads_as_the_array_does(frames, tmp_path):
+    path = tmp_path / "a.npy"
+    colour = np.repeat(frames[0][..., None], 3, axis=2)
+    for values in (frames[0], np.stack(frames), frames[0] / 255.0, colour):
+        np.save(path, values)
+        read = list(read_source(path, "luma"))
+        wanted = list(read_array(np.asarray(values), "luma"))
+        assert [one.source for one in read] == ["a.npy"] * len(wanted)
+        for one, other in zip(read, wanted, strict=True):
+            assert np.array_equal(one.grey, other.grey)
+    np.save(path, -frames[0].astype(float))
+    with pytest.raises(VoccError, match=r"^input .*a\.npy cannot be read: it holds"):
+        list(read_source(path, "luma"))

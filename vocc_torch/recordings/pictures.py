@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
-from vocc_torch.arrays import Bytes, Numbers, read_npy
+from vocc_torch.arrays import Bytes, Numbers
 from vocc_torch.errors import VoccError, library, printable
 from vocc_torch.files import PICTURE_FORMATS, PICTURE_SUFFIXES
 from vocc_torch.recordings.frames import RecordedFrame, to_bytes, to_grey
@@ -198,36 +198,20 @@ def deep_colour(path: Path, image: Image.Image, coarse: Bytes) -> tuple[Bytes, s
     return to_colour(shown)[0], note
 
 
-def read_greys(path: Path) -> Iterator[RecordedFrame]:
-    """Read a NumPy file of greys frame by frame, without loading all of it.
-
-    Raises:
-        VoccError: another file, or an array of another kind.
-    """
-    greys = read_npy(path, "input", most_bytes=1 << 50)
-    if greys.dtype != np.uint8 or greys.ndim != 3 or not greys.size:
-        found = f"{greys.dtype} of shape {greys.shape}"
-        raise VoccError(
-            f"input {path} holds {found}: it must be uint8 of shape (N,H,W), not empty"
-        )
-    for index, plane in enumerate(greys):
-        grey = np.array(plane)
-        yield RecordedFrame(
-            printable(path.name), index, None, grey_as_colour(grey), grey
-        )
-
-
 def grey_as_colour(grey: Bytes) -> Bytes:
     """View greys (H,W) as colour (H,W,3) without a copy."""
     return np.broadcast_to(grey[..., None], (*grey.shape, 3))
 
 
-def read_array(values: Numbers, channel: str) -> Iterator[RecordedFrame]:
-    """Read an array in memory as frames.
+def read_array(
+    values: Numbers, channel: str, path: Path | None = None
+) -> Iterator[RecordedFrame]:
+    """Read an array as frames.
 
     Args:
         values: (H,W), (H,W,3), (H,W,4), (B,H,W) or (B,H,W,3), of integers or of floats from 0 to 1.
         channel: how colour becomes grey.
+        path: of its file; None for one in memory.
 
     Raises:
         VoccError: another shape, an empty array or values that are no greys.
@@ -237,21 +221,24 @@ def read_array(values: Numbers, channel: str) -> Iterator[RecordedFrame]:
         >>> [frame.grey.shape for frame in frames]
         [(4, 5), (4, 5)]
     """
+    name, what = (
+        ("array", "the array") if path is None else (path.name, f"input {path}")
+    )
     try:
         pictures, note = to_bytes(values)
     except ValueError as error:
-        raise VoccError(f"the array cannot be read: {error}") from None
+        raise VoccError(f"{what} cannot be read: {error}") from None
     is_colour = values.ndim >= 3 and values.shape[-1] in (3, 4)
     if values.ndim == 2 + is_colour:
         pictures = pictures[None]
     if pictures.ndim != 3 + is_colour or not pictures.size:
         allowed = "(H,W), (H,W,3), (B,H,W) or (B,H,W,3), not empty"
-        raise VoccError.of("the array's shape", values.shape, allowed)
+        raise VoccError.of(f"{what}'s shape", values.shape, allowed)
     for index, picture in enumerate(pictures):
         colour = (
             np.ascontiguousarray(picture[..., :3])
             if is_colour
             else grey_as_colour(picture)
         )
-        grey = to_grey(colour, channel) if is_colour else picture
-        yield RecordedFrame("array", index, None, colour, grey, note=note)
+        grey = to_grey(colour, channel) if is_colour else np.array(picture)
+        yield RecordedFrame(printable(name), index, None, colour, grey, note=note)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from vocc_torch.arrays import read_npy
 from vocc_torch.errors import VoccError, shown
 from vocc_torch.files import PICTURE_SUFFIXES, VIDEO_SUFFIXES
 from vocc_torch.recordings.films import promised_frames, read_film
@@ -17,14 +18,15 @@ from vocc_torch.recordings.pictures import (
     APPLE_DOUBLE,
     read_array,
     read_folder,
-    read_greys,
     read_picture,
     to_colour,
 )
 from vocc_torch.recordings.streams import LiveStream, is_stream
 
 ARRAY_SUFFIX = ".npy"
-"""A NumPy file of greys (N,H,W) uint8."""
+"""A NumPy file of one array."""
+MOST_ARRAY_BYTES = 1 << 50
+"""Most bytes of such a file, which is not loaded at once."""
 ALLOWED = (
     "give a picture, a folder of pictures, a video, camera:0, an rtsp:// address or -"
 )
@@ -55,7 +57,8 @@ def read_recording(
     if path.suffix.lower() in VIDEO_SUFFIXES:
         return read_film(path, channel, grey_only=grey_only and channel == "luma")
     if path.suffix.lower() == ARRAY_SUFFIX:
-        return read_greys(path)
+        values = read_npy(path, "input", MOST_ARRAY_BYTES)
+        return read_array(values, channel, path)
     return read_picture(path, channel)
 
 
