@@ -17,6 +17,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import (
     ConfigAttributeError,
     ConfigKeyError,
+    ConfigTypeError,
     InterpolationResolutionError,
     MissingMandatoryValue,
     OmegaConfBaseException,
@@ -121,6 +122,10 @@ def refusal(error: OmegaConfBaseException, keys: Mapping[str, Any]) -> str:
         return f"{key} is missing: it must have a value"
     if isinstance(error, ConfigKeyError | ConfigAttributeError):
         return unknown_key(key, keys)
+    if isinstance(error, ConfigTypeError):
+        return (
+            f"{key} has a mapping where a list belongs, or a list where a mapping does"
+        )
     kind = keys.get(key.partition("[")[0])
     if kind is None or isinstance(error, InterpolationResolutionError):
         return f"{key}: {' '.join(str(error.msg or error).split())}"
