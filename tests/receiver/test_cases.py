@@ -121,18 +121,18 @@ class TestTagPlanes(Own):
 
 class TestAgr(FeatureCase):
     def feature(self):
-        return lambda patches, shape: features.average_greyscale_ratio(
+        return lambda patches, shape: features.level_ratios(
             features.cell_means(patches, shape)
-        )
+        )[:, 0]
 
 
 class TestNgr(FeatureCase):
     tells_on_from_off = False
 
     def feature(self):
-        return lambda patches, shape: features.neighbour_greyscale_ratio(
+        return lambda patches, shape: features.level_ratios(
             features.cell_means(patches, shape)
-        )
+        )[:, 1]
 
 
 class TestGri(FeatureCase):

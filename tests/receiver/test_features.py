@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.features import (
     MOST_GREY,
-    average_greyscale_ratio,
     cell_means,
     checked_greys,
     gradient_radial_inwardness,
     image_gradient,
-    neighbour_greyscale_ratio,
+    level_ratios,
     preamble_threshold,
     radial_inward_field,
 )
@@ -51,8 +50,9 @@ def test_agr_and_ngr_of_a_small_panel_by_hand():
     """
     means = torch.full((1, 4, 4), 12.0, dtype=torch.float64)
     means[0, 1:3, 1:3] = torch.tensor([[40.0, 20.0], [20.0, 0.0]])
-    assert average_greyscale_ratio(means)[0].tolist() == [[2.0, 1.0], [1.0, 0.0]]
-    assert neighbour_greyscale_ratio(means)[0].tolist() == [
+    agr, ngr = level_ratios(means)[0]
+    assert agr.tolist() == [[2.0, 1.0], [1.0, 0.0]]
+    assert ngr.tolist() == [
         [0.625, 0.75],
         [0.75, 0.875],
     ]

@@ -8,10 +8,7 @@ import torch
 from torch import nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.features import (
-    average_greyscale_ratio,
-    neighbour_greyscale_ratio,
-)
+from vocc_torch.receiver.features import level_ratios
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import GREYS, Reader
 from vocc_torch.receiver.receiver import Receiver
@@ -59,8 +56,7 @@ def test_a_panel_whose_mean_is_0():
         assert not features[1, ..., 1].any()
     means = torch.zeros(1, 4, 5)
     means[0, 0] = 9.0
-    for ratio in (average_greyscale_ratio, neighbour_greyscale_ratio):
-        assert ratio(means).unique().tolist() == [1.0]
+    assert level_ratios(means).unique().tolist() == [1.0]
 
 
 def test_a_panel_all_but_black():
@@ -72,14 +68,14 @@ def test_a_panel_all_but_black():
     ):
         means = torch.full((1, 4, 4), 255.0, dtype=dtype)
         means[0, 1:3, 1:3] = grey
-        ratio = neighbour_greyscale_ratio(means)
+        own, ratio = level_ratios(means).unbind(1)
         exact = (5 * 255 + 3 * float(means[0, 1, 1])) / 8 / float(means[0, 1, 1])
         wanted = min(exact, torch.finfo(dtype).max)
         assert float(ratio.max()) == pytest.approx(
             wanted, rel=4 * torch.finfo(dtype).eps
         )
         assert ratio.isfinite().all()
-        assert average_greyscale_ratio(means).unique().tolist() == [1.0]
+        assert own.unique().tolist() == [1.0]
 
 
 # Cells

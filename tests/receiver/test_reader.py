@@ -4,10 +4,9 @@ import pytest
 import torch
 
 from vocc_torch.receiver.features import (
-    average_greyscale_ratio,
     cell_means,
     gradient_radial_inwardness,
-    neighbour_greyscale_ratio,
+    level_ratios,
 )
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify
@@ -32,11 +31,12 @@ def test_readings_are_agr_gri_and_ngr_of_the_rectified_panels(observed, gradient
     readings = Reader(SHAPE, 8, gradient).read(frames, panels)
     patches = rectify(frames, panels, SHAPE, 8)
     means = cell_means(patches, SHAPE)
+    agr, ngr = level_ratios(means).unbind(1)
     sizes = cell_size_px(panels.corners_px, SHAPE)
     expected = (
-        average_greyscale_ratio(means),
+        agr,
         gradient_radial_inwardness(patches, SHAPE, *sizes, gradient),
-        neighbour_greyscale_ratio(means),
+        ngr,
     )
     assert readings.features.dtype == torch.float64
     assert readings.features.shape == (64, 8, 8, 3)

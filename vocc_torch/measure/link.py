@@ -11,7 +11,7 @@ from vocc_torch.hardware import PanelShape
 from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.deciders import Preambles
 from vocc_torch.receiver.locators import PanelLocator
-from vocc_torch.receiver.reader import GREYS, Greys, Reader, Readings
+from vocc_torch.receiver.reader import GREYS, Reader, Readings
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Frames, Panels, Scene
@@ -60,24 +60,18 @@ class Observation:
         return misplaced(self.panels, self.truth(), self.reader.shape)
 
     @cached_property
-    def _read(self) -> tuple[Readings, list[Greys]]:
-        first, *known = self.takes
-        places = self.preamble_panels or [self.panels] * len(known)
-        lit = [
-            self.reader.read(take, panels, GREYS).greys
-            for take, panels in zip(known, places, strict=True)
-        ]
-        return self.reader.read(first, self.panels), lit
-
-    @property
     def readings(self) -> Readings:
         """What the reader measures of every LED."""
-        return self._read[0]
+        return self.reader.read(self.frames, self.panels)
 
-    @property
+    @cached_property
     def preambles(self) -> Preambles | None:
         """Grey levels of the preambles, if they were rendered."""
-        return Preambles(*self._read[1]) if len(self.takes) > 1 else None
+        known = self.takes[1:]
+        places = self.preamble_panels or [self.panels] * len(known)
+        pairs = zip(known, places, strict=True)
+        lit = [self.reader.read(*pair, GREYS).greys for pair in pairs]
+        return Preambles(*lit) if lit else None
 
 
 class Link:

@@ -80,16 +80,20 @@ def rectified_means(patches: Tensor, shape: PanelShape) -> Tensor:
 
 
 def level_ratios(means: Tensor) -> Tensor:
-    """Ratios (B,2,R,C) to the panel's mean, of each LED's mean grey and of that of its eight neighbours.
+    """AGR and NGR (B,2,R,C): ratios of grey levels to the panel's mean.
 
-    On an all-black panel every LED equals the mean, so 0/0 is 1.
+    AGR has each LED's mean grey (Eq. 4), NGR that of its eight neighbouring cells, background included (Eq. 9).
+    On an all-black panel every LED equals the mean, so 0/0 is 1, however bright the margin is. What the dtype
+    cannot hold, beside a panel that is all but black, is its greatest number.
 
     Args:
-        means: (B,R+2,C+2) cell means with margin.
+        means: (B,R+2,C+2) cell means with margin, at least 0.
 
     Example:
-        >>> level_ratios(torch.full((1, 3, 3), 5.0)).flatten().tolist()
-        [1.0, 1.0]
+        >>> means = torch.zeros(1, 4, 4)
+        >>> means[0, 1:3, 1:3] = torch.tensor([[30.0, 10.0], [20.0, 20.0]])
+        >>> level_ratios(means)[0, 0].tolist()
+        [[1.5, 0.5], [1.0, 1.0]]
     """
     levels = means.unsqueeze(1)
     around = nn.functional.conv2d(levels, _ring(means.dtype, means.device))
@@ -98,47 +102,6 @@ def level_ratios(means: Tensor) -> Tensor:
     lit, greys = mean > 0, torch.cat([levels, around], dim=1)
     ratio = torch.where(lit, greys / torch.where(lit, mean, 1.0), 1.0)
     return ratio.clamp(max=torch.finfo(ratio.dtype).max)
-
-
-def average_greyscale_ratio(means: Tensor) -> Tensor:
-    """AGR: an LED's mean grey over the panel's mean grey (Eq. 4).
-
-    Args:
-        means: (B,R+2,C+2) cell means with margin, at least 0.
-
-    Returns:
-        (B,R,C), at least 0, with mean 1 over the panel; 1 where the whole panel is black.
-
-    Raises:
-        VoccError: means that are no grey values.
-
-    Example:
-        >>> means = torch.zeros(1, 4, 4)
-        >>> means[0, 1:3, 1:3] = torch.tensor([[30.0, 10.0], [20.0, 20.0]])
-        >>> average_greyscale_ratio(means)[0].tolist()
-        [[1.5, 0.5], [1.0, 1.0]]
-    """
-    return level_ratios(checked_greys(means, "means"))[:, 0]
-
-
-def neighbour_greyscale_ratio(means: Tensor) -> Tensor:
-    """NGR: the mean grey of the eight neighbouring cells, background included, over the panel's mean (Eq. 9).
-
-    Args:
-        means: (B,R+2,C+2) cell means with margin, at least 0.
-
-    Returns:
-        (B,R,C), at least 0; 1 where the whole panel is black, however bright its margin is. What the dtype
-        cannot hold, beside a panel that is all but black, is its greatest number.
-
-    Raises:
-        VoccError: means that are no grey values.
-
-    Example:
-        >>> neighbour_greyscale_ratio(torch.full((1, 3, 3), 5.0)).tolist()
-        [[[1.0]]]
-    """
-    return level_ratios(checked_greys(means, "means"))[:, 1]
 
 
 @lru_cache(maxsize=16)
