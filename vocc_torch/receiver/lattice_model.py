@@ -99,7 +99,7 @@ EDGE_OF_BLUR = 0.7
 """Standard deviation of the face's blurred edge over that of a spot, which has its LED's size in it."""
 
 
-class Axis(NamedTuple):
+class Profiles(NamedTuple):
     """Profiles along an axis at its samples, float32.
 
     Args:
@@ -153,8 +153,8 @@ class Model(NamedTuple):
     """
 
     grey: Tensor
-    rows: Axis
-    columns: Axis
+    rows: Profiles
+    columns: Profiles
     box: Tensor
     base: Tensor
     parts: Tensor
@@ -168,7 +168,7 @@ class Model(NamedTuple):
         """Predict pictures that are resampled about the lattices, or cells beside them, down and across."""
         blurs = lattice.blur.flip(1).unbind(1)
         sides = list(zip(lattice.shape.sides, blurs, moved_cells, strict=True))
-        rows, columns = (Axis.of(*side) for side in sides)
+        rows, columns = (Profiles.of(*side) for side in sides)
         both = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
         parts = rows.spots[:, None] @ both @ columns.spots[:, None].mT
         box = rows.face[:, :, None] * columns.face[:, None]
