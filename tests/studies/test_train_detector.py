@@ -1,5 +1,8 @@
 """The detector's training: the same for the same seed, also where it was interrupted."""
 
+import subprocess
+import sys
+import time
 from dataclasses import replace
 
 import cv2
@@ -77,6 +80,24 @@ def test_frames_are_rendered_on_the_cpu(tmp_path, monkeypatch):
     monkeypatch.setattr(pool, "load_scene", on_gpu)
     pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "paper", 8, 8, 3))
     assert np.load(tmp_path / "b.npz")["grey"].shape == (2, 240, 320)
+
+
+@pytest.mark.slow
+def test_processes_that_render_end_with_a_killed_parent(tmp_path):
+    """Its output, which they hold too, comes to its end."""
+    script = f"""
+from pathlib import Path
+from vocc_torch.report.terminal import Console
+from vocc_torch.studies.train_detector import pool
+pool.render(pool.blocks_of(Path({str(tmp_path)!r}), 0, 1), Console())
+"""
+    words = [sys.executable, "-c", script]
+    with subprocess.Popen(words, stdout=subprocess.PIPE) as run:
+        while not any(tmp_path.glob("*.npz")):
+            assert run.poll() is None
+            time.sleep(0.1)
+        run.kill()
+        run.communicate(timeout=30)
 
 
 def test_clutter_is_rendered(tmp_path):
@@ -299,12 +320,13 @@ def test_training_is_the_same_where_it_was_interrupted(
     )
 
 
-@pytest.mark.parametrize("damage", ["earlier", "cut", "text"])
+@pytest.mark.parametrize("damage", ["earlier", "network", "cut", "text"])
 def test_another_training_is_refused_by_its_file(damage, tmp_path):
     path = tmp_path / "scout.pt"
-    state = Scout().state_dict()
-    earlier = {"net": state, "mean": state, "optimiser": {}, "done": 3}
-    torch.save(earlier, path)
+    net = Judge() if damage == "network" else Scout()
+    state = net.state_dict()
+    steps = "done" if damage == "earlier" else "steps"
+    torch.save({"net": state, "mean": state, "optimiser": {}, steps: 3}, path)
     if damage == "cut":
         path.write_bytes(path.read_bytes()[:700])
     if damage == "text":

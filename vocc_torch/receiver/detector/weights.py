@@ -16,7 +16,7 @@ from vocc_torch.receiver.detector.scout import Scout
 from vocc_torch.receiver.model_file import read_model, write_model
 
 SHIPPED = "detector.json"
-"""The weights that ship, beside this file; ``vocc-torch task=train_detector`` wrote them."""
+"""The weights that ship, beside this file; ``vocc-torch task=train_detector`` writes a file of this name."""
 
 PARTS = ("scout", "judge", "placer")
 """The networks, in the order in which they see a frame; each is trained on what those before it find."""

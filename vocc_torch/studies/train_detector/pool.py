@@ -1,9 +1,7 @@
 """The pool of training frames: rendered once, kept on disk, read as the detector reads frames."""
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -15,6 +13,7 @@ from torch.nn import functional
 from vocc_torch.api import load_scene
 from vocc_torch.files import atomic_file
 from vocc_torch.hardware import Camera
+from vocc_torch.measure.executors import Workers
 from vocc_torch.receiver.detector.pyramid import Pyramid, places_of_cells
 from vocc_torch.receiver.resample import cell_homography, cell_size_px, centre_greys
 from vocc_torch.report.terminal import Console, ProgressView
@@ -91,19 +90,17 @@ def blocks_of(folder: Path, seed: int, rounds: int) -> list[PoolBlock]:
     return blocks
 
 
-def render(blocks: Sequence[PoolBlock], workers: int, console: Console) -> None:
-    """Render the blocks that are missing, in processes."""
+def render(blocks: Sequence[PoolBlock], console: Console) -> None:
+    """Render the blocks that are missing, one on each core."""
     missing = [block for block in blocks if not block.path.exists()]
     if missing:
         copy_photographs(missing[0].path.parent / PHOTOGRAPHS)
-    context = get_context("spawn")
     with (
         ProgressView(len(missing), console, "rendering", unit="blocks") as view,
-        ProcessPoolExecutor(workers, context, torch.set_num_threads, (1,)) as pool,
+        Workers(0) as workers,
     ):
-        jobs = [pool.submit(render_block, block) for block in missing]
-        for done in view.counted(as_completed(jobs), "rendering"):
-            done.result()
+        for _ in view.counted(workers.map(render_block, missing), "rendering"):
+            pass
 
 
 def render_block(block: PoolBlock) -> None:

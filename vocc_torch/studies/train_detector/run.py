@@ -1,7 +1,7 @@
 """``task=train_detector``: render a pool of frames, train the detector's networks, write their weights."""
 
 import math
-import os
+from collections.abc import Mapping
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
@@ -12,10 +12,11 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, whole_number
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.detector.weights import PARTS, SHIPPED, Networks
+from vocc_torch.receiver.model_file import UNFIT
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
 from vocc_torch.studies.train_detector import TrainDetectorConfig
@@ -28,6 +29,10 @@ from vocc_torch.types import resolve_device
 
 POOL, CHECKPOINTS = "frames", "checkpoints"
 """Folders of a run: rendered frames, and trainings that were interrupted."""
+
+
+MOST_SEED = 1 << 40
+"""Largest seed: a step's own is a million times as large, and torch takes 64 bits."""
 
 
 @dataclass(frozen=True)
@@ -53,20 +58,22 @@ def run_train_detector(
     """Train the detector, and write ``detector.json``. A run that was interrupted goes on.
 
     Raises:
-        VoccError: a folder that holds something else.
+        VoccError: a folder that holds something else, or a seed out of range.
     """
+    whole_number("seed", settings.seed, 0, MOST_SEED)
     console = terminal.Console()
     run_folder.write_config(settings, folder)
-    blocks = blocks_of(folder / POOL, settings.seed, own.rounds)
-    render(blocks, os.cpu_count() or 1, console)
+    # Another seed is another training.
+    frames, place = (folder / of / str(settings.seed) for of in (POOL, CHECKPOINTS))
+    blocks = blocks_of(frames, settings.seed, own.rounds)
+    render(blocks, console)
     device = resolve_device(settings.device)
     pool = Pool.of([block.path for block in blocks], device)
     console.print(f"frames: {len(pool.shapes)}", highlight=False)
     for part in PARTS:
         steps = getattr(own, f"{part}_steps")
-        place = folder / CHECKPOINTS
         train_part(part, pool, place, settings.seed, steps, own.batch, console)
-    networks = current(folder / CHECKPOINTS, torch.device("cpu"))
+    networks = current(place, torch.device("cpu"))
     networks.save(folder / SHIPPED)
     run_folder.print_places(console, folder, [("weights", SHIPPED)])
 
@@ -77,25 +84,25 @@ def current(folder: Path, device: torch.device) -> Networks:
     networks = Networks.fresh()
     for part in PARTS:
         if (folder / f"{part}.pt").exists():
-            state = read_state(folder / f"{part}.pt", device)
-            getattr(networks, part).load_state_dict(state["mean"])
+            net = getattr(networks, part)
+            restore(folder / f"{part}.pt", {"mean": net}, device)
     networks.parts().to(device)
     return networks
 
 
-def read_state(path: Path, device: torch.device) -> dict[str, Any]:
-    """Read what :func:`train_part` keeps.
+def restore(path: Path, parts: Mapping[str, Any], device: torch.device) -> int:
+    """Load what :func:`train_part` keeps into parts by name, and give the steps taken.
 
     Raises:
         VoccError: a file that is damaged, or of another version.
     """
-    state: object = None
-    with suppress(EOFError, RuntimeError, UnpicklingError):
+    with suppress(EOFError, UnpicklingError, *UNFIT):
         state = torch.load(path, weights_only=True, map_location=device)
-    if not isinstance(state, dict) or {*state} != {"net", "mean", "optimiser", "steps"}:
-        rule = "is no training of this version: remove it, or choose another name="
-        raise VoccError(f"{path} {rule}")
-    return state
+        for name, part in parts.items():
+            part.load_state_dict(state[name])
+        return int(state["steps"])
+    rule = "is no training of this version: remove it, or choose another name="
+    raise VoccError(f"{path} {rule}")
 
 
 def train_part(
@@ -127,10 +134,7 @@ def train_part(
     done, mean = 0, deepcopy(net)
     parts = {"net": net, "mean": mean, "optimiser": optimiser}
     if path.exists():
-        state = read_state(path, device)
-        for name, trained in parts.items():
-            trained.load_state_dict(state[name])
-        done = int(state["steps"])
+        done = restore(path, parts, device)
     sampler = SAMPLERS[part](pool, scale)
     usable = (pool.readable | pool.empty).nonzero()[:, 0]
     left, words = max(steps - done, 0), f"training the {part}"
