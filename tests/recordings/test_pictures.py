@@ -275,3 +275,11 @@ def test_a_file_of_an_array_reads_as_the_array_does(frames, tmp_path):
     np.save(path, -frames[0].astype(float))
     with pytest.raises(VoccError, match=r"^input .*a\.npy cannot be read: it holds"):
         list(read_source(path, "luma"))
+
+
+def test_a_file_of_floats_is_not_read_beyond_memory(tmp_path):
+    """Only uint8 is read frame by frame. The file takes no place on the disk."""
+    path = tmp_path / "a.npy"
+    np.lib.format.open_memmap(path, "w+", np.float32, (300, 1000, 1000))
+    with pytest.raises(VoccError, match="holds 1200000000 bytes of float32, and at"):
+        next(read_source(path, "luma"))

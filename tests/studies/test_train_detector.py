@@ -320,6 +320,13 @@ def test_training_is_the_same_where_it_was_interrupted(
     )
 
 
+@pytest.mark.parametrize("seed", [-1, 1 << 50])
+def test_a_seed_that_torch_cannot_take_is_refused_at_once(seed, app):
+    ran = app("task=train_detector", f"seed={seed}", "name=x")
+    assert ran.status == 2
+    assert ran.err.startswith(f"vocc-torch: error: seed is {seed}: it must be a whole")
+
+
 @pytest.mark.parametrize("damage", ["earlier", "network", "cut", "text"])
 def test_another_training_is_refused_by_its_file(damage, tmp_path):
     path = tmp_path / "scout.pt"

@@ -11,7 +11,7 @@ from PIL import Image
 
 from vocc_torch.arrays import read_npy
 from vocc_torch.errors import VoccError, shown
-from vocc_torch.files import PICTURE_SUFFIXES, VIDEO_SUFFIXES
+from vocc_torch.files import MOST_BYTES, PICTURE_SUFFIXES, VIDEO_SUFFIXES
 from vocc_torch.recordings.films import promised_frames, read_film
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.pictures import (
@@ -26,7 +26,7 @@ from vocc_torch.recordings.streams import LiveStream, is_stream
 ARRAY_SUFFIX = ".npy"
 """A NumPy file of one array."""
 MOST_ARRAY_BYTES = 1 << 50
-"""Most bytes of such a file, which is not loaded at once."""
+"""Most bytes of such a file of uint8, which is not loaded at once."""
 ALLOWED = (
     "give a picture, a folder of pictures, a video, camera:0, an rtsp:// address or -"
 )
@@ -58,6 +58,10 @@ def read_recording(
         return read_film(path, channel, grey_only=grey_only and channel == "luma")
     if path.suffix.lower() == ARRAY_SUFFIX:
         values = read_npy(path, "input", MOST_ARRAY_BYTES)
+        if values.dtype != np.uint8 and values.nbytes > MOST_BYTES:
+            found = f"{values.nbytes} bytes of {values.dtype}"
+            rule = f"and at most {MOST_BYTES} are read, or uint8 of any size"
+            raise VoccError(f"input {path} holds {found}, {rule}")
         return read_array(values, channel, path)
     return read_picture(path, channel)
 
