@@ -257,6 +257,13 @@ def test_turned_frames_are_those_of_pillow(frames, turn, mirror):
     assert np.array_equal(frame.colour[..., 1], frame.grey)
 
 
+@pytest.mark.filterwarnings("error")
+def test_half_precision_reads_without_a_warning():
+    """Its largest number is below 65535."""
+    (frame,) = read_array(np.full((4, 5), 0.5, np.float16), "luma")
+    assert (frame.grey == 128).all()
+
+
 def test_a_frame_prints_without_its_pixels():
     (frame,) = read_array(np.zeros((40, 50), np.uint8), "luma")
     assert "[[" not in repr(frame)

@@ -91,8 +91,9 @@ def to_bytes(values: Numbers) -> tuple[Bytes, str]:
         return values.astype(np.uint8) * 255, ""
     if values.dtype.kind not in "iuf":
         raise ValueError(f"it holds {values.dtype}: it must hold integers or floats")
-    lowest = values.min(initial=0)
-    highest = values.max(initial=0)
+    # In Python's numbers, for 65535 is none of float16.
+    lowest = values.min(initial=0).item()
+    highest = values.max(initial=0).item()
     if not (lowest >= 0 and highest <= WHITE_LEVELS[-1]):
         limits = f"from 0 to {WHITE_LEVELS[-1]}"
         raise ValueError(
