@@ -243,6 +243,11 @@ def test_a_fault_of_ours_is_not_disguised(app, monkeypatch, tmp_path):
     assert ran.err.startswith("Traceback")
     assert 'raise ValueError("a bug")' in ran.err
     assert list(tmp_path.iterdir()) == []
+    # Of several jobs each keeps its own.
+    assert app(*QUICK, "-m", "seed=1,2", "name=two").status == 1
+    for job in ("0", "1"):
+        written = (tmp_path / "runs" / "two" / job / "failed.txt").read_text()
+        assert 'raise ValueError("a bug")' in written
 
 
 @pytest.mark.parametrize(

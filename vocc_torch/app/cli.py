@@ -275,7 +275,9 @@ def run_jobs(jobs: Jobs) -> int:
         )
     failures = [word for word in jobs.told() if "complaint" in word]
     complaints = {failure["complaint"] for failure in failures}
-    if 1 < len(failures) == len(jobs.folders()) and len(complaints) == 1:
+    is_fault = any(failure["trace"] for failure in failures)
+    is_shared = 1 < len(failures) == len(jobs.folders()) and len(complaints) == 1
+    if is_shared and not is_fault:
         # A mistake of the command, which no job's folder need tell of.
         for folder in jobs.folders():
             begin_again(folder)
@@ -286,7 +288,7 @@ def run_jobs(jobs: Jobs) -> int:
         complain(
             f"{len(failures)} of {count} jobs failed ({numbers}): failed.txt in their folders says why"
         )
-    if any(failure["trace"] for failure in failures):
+    if is_fault:
         return 1
     return 2 if failures else 0
 
