@@ -20,7 +20,7 @@ WHITEST_FACE = 1 / 0.18 - 1
 class FitSettings:
     """Steps of the fit, and how far each value is expected to be off."""
 
-    steps: int = 12
+    steps: int = 20
     free_steps: int = 2  # that take bits from amplitudes; later ones turn single bits
     line_step: int = 3  # before which a missed line is looked for
     still_cells: float = 4e-3  # a step below this is the last
@@ -32,7 +32,7 @@ class FitSettings:
     no_face: float = 1e-6  # light of the face where a panel is taken to have none
     blur_cells: tuple[float, float] = (0.1, 0.75)
     saturated_dn: float = 254.5  # from which a pixel may be any brighter
-    imputations: int = 8
+    imputations: int = 16
     ridge: float = 1e-6  # of amplitudes, where spots melt together
     least_light: float = 1e-5  # white being 1
 

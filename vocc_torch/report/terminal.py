@@ -215,7 +215,7 @@ def point_lines(points: Iterable[Point], *, rates: bool) -> Iterator[str]:
 
     Example:
         >>> from vocc_torch.measure.counts import Counts
-        >>> point = Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096, 8), "frames")
+        >>> point = Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096), "frames")
         >>> list(point_lines([point], rates=False))
         ['distance_m=50: 64 frames, the whole budget']
     """
