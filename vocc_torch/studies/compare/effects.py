@@ -111,7 +111,7 @@ Place: TypeAlias = tuple[str, Locator, str | float]
 def count_errors(study: EffectStudy, run: Run) -> dict[Place, Outcome]:
     """Train on every scene, and count the errors in every scene's test frames.
 
-    All effects together are left out: nobody reads such frames, and they take most of the time.
+    All effects together are left out: no receiver reads such frames, and to render them takes most of the time.
 
     Raises:
         VoccError: no panel in any training frame, or a worker that was ended from outside.

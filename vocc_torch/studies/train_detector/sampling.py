@@ -193,7 +193,7 @@ def panels_of(pool: Pool, frame: Tensor, level: Tensor) -> Found:
 
 
 def proposals(net: Scout, pool: Pool, frames: Tensor) -> Found:
-    """Take the scout's candidates of frames; where there is no panel, of any shape."""
+    """Take the scout's candidates of frames; frames without a panel are searched for one of the pool's shapes."""
     parts = [panels_of(pool, frames[:0], frames[:0])]
     for frame in frames.tolist():
         shape = PanelShape(*SHAPES[frame % len(SHAPES)])
@@ -219,7 +219,9 @@ def with_truth(pool: Pool, found: Found) -> tuple[Found, Found]:
 
 
 def cells_at(points: Tensor, quads: Tensor, shape: PanelShape) -> Tensor:
-    """Give the cells (n,P,2) of candidates (n,4,2) px at points (n,P,2) px; no numbers of use for no quadrilateral.
+    """Give the cells (n,P,2) of candidates (n,4,2) px at points (n,P,2) px.
+
+    Corners that are no quadrilateral give finite numbers without meaning.
 
     Example:
         >>> quads = torch.tensor([[[2.0, 3.0], [10.0, 3.0], [10.0, 11.0], [2.0, 11.0]]]).double()
