@@ -8,8 +8,11 @@ import torch
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.executors import Workers
+from vocc_torch.measure.kept_training import train_plans
 from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Experiment
+from vocc_torch.measure.store import Store
 from vocc_torch.measure.train import train
 from vocc_torch.receiver.deciders import feature_indices
 from vocc_torch.rng import BlockKey
@@ -83,3 +86,17 @@ def test_no_panel_in_any_frame_is_refused(make_plan):
     )
     with pytest.raises(VoccError, match="no panel in any of 128 frames"):
         train(plan)
+
+
+@pytest.mark.parametrize(("count", "told"), [(1, 4), (2, 1)])
+def test_progress_adds_to_one_for_a_receiver(make_plan, tmp_path, count, told):
+    """Block by block in this process, at once from another process and from the ledger."""
+    plan, heard = make_plan(training_frames=200), []
+    with Store.open(tmp_path / "ledger", {}) as store, Workers(count) as workers:
+        for is_new, least in ((True, told), (False, 1)):
+            heard.clear()
+            train_plans([plan], workers, store, lambda *one: heard.append(one))
+            assert {new for new, _ in heard} == {is_new}
+            shares = [share for _, share in heard if share > 1e-9]
+            assert len(shares) == least
+            assert sum(shares) == pytest.approx(1)

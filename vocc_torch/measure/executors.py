@@ -148,8 +148,19 @@ class Workers:
         # A larger cluster would begin every call that it has.
         return self._most if self._most and self._most < slots else 2 * slots
 
-    def submit(self, call: Callable[[A], Any], argument: A, /) -> Call:
+    def submit(
+        self,
+        call: Callable[[A], Any],
+        argument: A,
+        /,
+        here: Callable[[A], Any] | None = None,
+    ) -> Call:
         """Hand out a call for :meth:`result`; in this process it is made at once, and its error raised here.
+
+        Args:
+            call: importable by name.
+            argument: of the call.
+            here: the same call for this process, which may also report how far it is.
 
         Raises:
             VoccError: the workers were ended from outside, as a system short of memory does.
@@ -158,7 +169,7 @@ class Workers:
             done = Call()
             begun = time.process_time()
             with timing.threads(1):
-                done.set_result((True, call(argument)))
+                done.set_result((True, (here or call)(argument)))
             self._patience_s -= time.process_time() - begun
             self._here = self._patience_s > 0
             return done
@@ -184,10 +195,15 @@ class Workers:
             raise value
         return value
 
-    def map(self, call: Callable[[A], R], arguments: Iterable[A]) -> Iterator[R]:
+    def map(
+        self,
+        call: Callable[[A], R],
+        arguments: Iterable[A],
+        here: Callable[[A], R] | None = None,
+    ) -> Iterator[R]:
         """Make a call with each argument, and give the results in their order.
 
-        As many calls are handed out ahead as keep all workers busy.
+        As many calls are handed out ahead as keep all workers busy. ``here`` is that of :meth:`submit`.
 
         Example:
             >>> list(Workers(1).map(abs, [-3, 4]))
@@ -195,7 +211,7 @@ class Workers:
         """
         calls = deque[Call]()
         for argument in arguments:
-            calls.append(self.submit(call, argument))
+            calls.append(self.submit(call, argument, here))
             while len(busy := [of for of in calls if not of.done()]) >= self.window:
                 futures.wait(busy, return_when=futures.FIRST_COMPLETED)
             while calls and calls[0].done():

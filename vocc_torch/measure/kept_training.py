@@ -65,7 +65,7 @@ def train_plans(
     plans: Sequence[Plan],
     workers: Workers,
     store: Store,
-    progress: Callable[[bool], None],
+    progress: Callable[[bool, float], None],
 ) -> list[Training]:
     """Train every plan with its own locator, each receiver by itself on one thread.
 
@@ -75,7 +75,8 @@ def train_plans(
         plans: the studies.
         workers: who does it; here too on one thread.
         store: has what was trained before, and keeps what is trained now.
-        progress: called for each receiver with whether it is trained now, or was before.
+        progress: called with whether a receiver is trained now, or was before, and with the share of its
+            training that was done since the last call.
 
     Returns:
         The training of each plan. ``making`` says what each receiver took.
@@ -91,14 +92,26 @@ def train_plans(
     for key, part in parts.items():
         if (stored := find(store, key, part)) is not None:
             trained[key] = stored
-            progress(False)
+            progress(False, 1.0)
     # The longest training begins first.
     missing = [key for key in parts if key not in trained]
     longest = sorted(missing, key=lambda key: -_panels(parts[key]))
-    coming = workers.map(train_part, [parts[key] for key in longest])
+    told = 0.0
+
+    def tell(share: float) -> None:
+        nonlocal told
+        told += share
+        progress(True, share)
+
+    def here(part: Plan) -> Training:
+        return train_part(part, tell)
+
+    coming = workers.map(train_part, [parts[key] for key in longest], here)
     for key, training in zip(longest, coming, strict=True):
         trained[key] = training
-        progress(True)
+        # A receiver that was trained in another process has told nothing.
+        progress(True, 1 - told)
+        told = 0.0
         keep(store, key, parts[key], training)
     return [Training.joined([trained[key] for key in keys]) for keys in parts_of_plans]
 

@@ -123,16 +123,28 @@ class Training:
         )
 
 
-def train(plan: Plan) -> Training:
+Progress = Callable[[float], object]
+"""Called with the share of one receiver's training that was done since the last call."""
+
+
+def untold(share: float) -> None:
+    """Report no progress."""
+
+
+def train(plan: Plan, progress: Progress = untold) -> Training:
     """Train FLDA and the plan's classifiers on its training scenes, as often as the budget says.
 
     Each training has frames of its own. The first is the one that is kept, and does not depend on how many
     follow. Frames without a located panel teach nothing and are left out.
 
+    Args:
+        plan: the study.
+        progress: hears how far it is; all shares are one for each of :func:`parts_of`.
+
     Raises:
         VoccError: no panel was found in any training frame, or a classifier that cannot be built or trained.
     """
-    return Training.joined([train_part(part) for part in parts_of(plan)])
+    return Training.joined([train_part(part, progress) for part in parts_of(plan)])
 
 
 def parts_of(plan: Plan) -> list[Plan]:
@@ -146,8 +158,10 @@ def parts_of(plan: Plan) -> list[Plan]:
     return [replace(plan, receiver=part) for part in alone]
 
 
-def train_part(plan: Plan) -> Training:
+def train_part(plan: Plan, progress: Progress = untold) -> Training:
     """Train a part of :func:`parts_of` as often as the budget says.
+
+    FLDA reports progress block by block, another classifier once it is trained.
 
     Raises:
         VoccError: as :func:`train`.
@@ -156,12 +170,15 @@ def train_part(plan: Plan) -> Training:
     for number in range(plan.budget.trainings):
         if plan.receiver.classifiers:
             trainings.append(train_classifier(plan, link, number))
+            progress(1 / plan.budget.trainings)
         else:
-            trainings.append(train_flda(plan, link, number))
+            trainings.append(train_flda(plan, link, number, progress))
     return replace(trainings[0], further=tuple(trainings[1:]))
 
 
-def train_flda(plan: Plan, link: Link, number: int) -> Training:
+def train_flda(
+    plan: Plan, link: Link, number: int, progress: Progress = untold
+) -> Training:
     """Train FLDA, and keep some of its features for figures; arguments as :func:`train_classifier`.
 
     Raises:
@@ -174,7 +191,9 @@ def train_flda(plan: Plan, link: Link, number: int) -> Training:
     stream = PanelStream(link, scenes, plan.seed, inputs, point)
     samples: list[tuple[Tensor, Tensor]] = []
     # A block at a time: sums then do not depend on the batch's size.
+    blocks = -(-frames // BLOCK_FRAMES)
     for features, bits in stream(0, frames):
+        progress(1 / (blocks * plan.budget.trainings))
         flda.update(features[..., :_N_FEATURES], bits)
         if sum(len(statuses) for _, statuses in samples) < FIGURE_SAMPLES:
             samples.append((features.flatten(0, -2).cpu(), bits.reshape(-1).cpu()))

@@ -93,9 +93,9 @@ class Run:
         trained_now = list[bool]()
         with self.stage(name, learners) as advance:
 
-            def learnt(is_new: bool) -> None:
+            def learnt(is_new: bool, share: float) -> None:
                 trained_now.append(is_new)
-                advance(1)
+                advance(share)
 
             trained = kept_training.train_plans(
                 list(missing.values()), self.pool, self.store, learnt
