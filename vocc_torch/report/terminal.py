@@ -42,7 +42,7 @@ def plain_table(*heads: str, **look: Any) -> Table:
     return table
 
 
-Row: TypeAlias = dict[str, Any]
+TableRow: TypeAlias = dict[str, Any]
 """A row of a table by its columns; an :class:`Estimate` fills three of them."""
 
 BLANK = Estimate(math.nan, math.nan, math.nan)
@@ -59,7 +59,9 @@ def receiver_heading(name: str) -> str:
     return name if len(name) < 9 else name.replace("_", "_\n")
 
 
-def row_table(rows: Sequence[Row], columns: Mapping[str, str], **look: Any) -> Table:
+def row_table(
+    rows: Sequence[TableRow], columns: Mapping[str, str], **look: Any
+) -> Table:
     """Lay rows out for the terminal.
 
     Args:
@@ -78,7 +80,7 @@ def row_table(rows: Sequence[Row], columns: Mapping[str, str], **look: Any) -> T
     return table
 
 
-def print_rows(rows: Sequence[Row], columns: Mapping[str, str], note: str) -> None:
+def print_rows(rows: Sequence[TableRow], columns: Mapping[str, str], note: str) -> None:
     """Print a table on the terminal.
 
     Args:
@@ -91,11 +93,11 @@ def print_rows(rows: Sequence[Row], columns: Mapping[str, str], note: str) -> No
     console.print(Text(note, style="dim"), soft_wrap=True)
 
 
-def cell_text(row: Row, name: str) -> str:
+def cell_text(row: TableRow, name: str) -> str:
     r"""Write a cell: a ratio, a rate or a number over its interval, or a limit.
 
     Example:
-        >>> row: Row = {"ms": 12.345, "ber": Estimate(0.012, 0.01, 0.02)}
+        >>> row: TableRow = {"ms": 12.345, "ber": Estimate(0.012, 0.01, 0.02)}
         >>> cell_text(row, "ms"), cell_text(row, "ber")
         ('12.3', '1.2e-2\n1.0e-2 to 2.0e-2')
     """
@@ -151,7 +153,7 @@ def ber_table(table: BerTable, console: Console) -> Table:
     heading = "\n".join([*name.split(), *([f"({unit}"] if 0 < len(unit) < 9 else [])])
     if console.options.ascii_only:
         heading = heading.replace("\N{SUPERSCRIPT TWO}", "2")
-    wide, long = dict[float, Row](), list[Row]()
+    wide, long = dict[float, TableRow](), list[TableRow]()
     for value in table.values:
         wide[value] = {"value": value_text(value)}
         for row in table:

@@ -29,16 +29,6 @@ class JudgeSettings:
     heat_px: int = 2  # side of a place in the corners' maps
     about: int = 2  # places about the best one that are averaged
 
-    @property
-    def side_px(self) -> int:
-        """Side of the picture of a candidate."""
-        return self.samples * (SQUARE.rows + 2 * self.margin)
-
-    @property
-    def edge_px(self) -> int:
-        """Margin around the candidate in its picture."""
-        return self.samples * self.margin
-
 
 SETTINGS = JudgeSettings()
 

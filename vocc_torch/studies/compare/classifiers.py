@@ -18,7 +18,7 @@ from vocc_torch.measure.train import Training
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import rate_tables, styles
-from vocc_torch.report.terminal import BLANK, Row, print_rows
+from vocc_torch.report.terminal import BLANK, TableRow, print_rows
 from vocc_torch.studies.compare import RivalsConfig, figures
 from vocc_torch.studies.compare.report import counted, numbers_of, write_report
 from vocc_torch.studies.run import (
@@ -194,7 +194,9 @@ def count_curves(study: ClassifierStudy, run: Run) -> dict[str, Curves]:
     return curves
 
 
-def across_scenes(study: ClassifierStudy, run: Run) -> tuple[dict[str, str], list[Row]]:
+def across_scenes(
+    study: ClassifierStudy, run: Run
+) -> tuple[dict[str, str], list[TableRow]]:
     """Train in every kind of scenes; test at home what was trained elsewhere, and elsewhere what was at home.
 
     Returns:
@@ -220,7 +222,7 @@ def across_scenes(study: ClassifierStudy, run: Run) -> tuple[dict[str, str], lis
         tested = replace(plans[name], receiver=receiver)
         cases.append(Case(tested, [plans[other] for other in trained_on]))
     outcomes = run.count(cases, "other scenes")
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for (name, trained_on), outcome in zip(sources.items(), outcomes, strict=True):
         rows += scene_rows(outcome.errors, name, trained_on)
     return lost, rows
@@ -228,7 +230,7 @@ def across_scenes(study: ClassifierStudy, run: Run) -> tuple[dict[str, str], lis
 
 def scene_rows(
     errors: FrameErrors, tested_on: str, trained_on: Sequence[str]
-) -> Iterator[Row]:
+) -> Iterator[TableRow]:
     """Compare receivers with the same ones trained on the scenes of the test.
 
     Args:
@@ -263,7 +265,7 @@ def classifier_rows(
     config: RivalsConfig,
     curves: Mapping[str, Curves],
     training: Training,
-) -> list[Row]:
+) -> list[TableRow]:
     """Give the rows of ``classifiers.csv``: what each receiver costs, and its rates, the best first.
 
     Rates and ratios are at the table's points; after several trainings they are the algorithms'. The fewest
@@ -275,10 +277,10 @@ def classifier_rows(
         points = [(found, value) for found in curves.values() for value in found.values]
         return sum(found.tested(receiver, at).half_errors for found, at in points)
 
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for receiver in sorted(first.receivers, key=half_errors):
         costs = zip(COSTS, astuple(training.making(receiver)), strict=True)
-        row: Row = {"receiver": receiver, **dict(costs)}
+        row: TableRow = {"receiver": receiver, **dict(costs)}
         for experiment, value in config.points.items():
             found, place = curves[experiment], f"{experiment}_{value:g}"
             points = [point for point in found if point.value == value]
@@ -313,7 +315,7 @@ def ratio_to(
 def print_classifiers(
     config: RivalsConfig,
     tables: Mapping[str, Curves],
-    rows: Sequence[Row],
+    rows: Sequence[TableRow],
     left_out: Mapping[str, str],
 ) -> None:
     """Print a row for each receiver, the best first."""

@@ -17,7 +17,7 @@ from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import Locator
 from vocc_torch.measure.runner import Outcome
-from vocc_torch.report.terminal import Row, print_rows
+from vocc_torch.report.terminal import TableRow, print_rows
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.effects import Effect, build_effects
 from vocc_torch.studies.compare import EffectsConfig, figures
@@ -191,19 +191,19 @@ def run_effects_task(settings: Settings, effects: EffectsConfig, folder: Path) -
 
 def effect_rows(
     study: EffectStudy, costs: Costs, outcomes: Mapping[Place, Outcome]
-) -> list[Row]:
+) -> list[TableRow]:
     """Give the rows of ``effects.csv``: the scene itself, each effect, and all together, by receiver.
 
     ``row`` is ``scene``, ``effect`` or ``together``. A cost is a median with its quartiles over the rounds, ms
     a frame: of the scene itself, else what is added to it. ``real`` says whether the 95 % interval of the
     change excludes 0; ``missed_with`` counts frames without a panel found.
     """
-    about: Row = {"training_frames": study.plan.budget.training_frames}
+    about: TableRow = {"training_frames": study.plan.budget.training_frames}
     about |= {"scene": study.scene_name, "machine": costs.machine}
     about["waited_share"] = round(costs.waited_share, 4)
-    rows, kinds = list[Row](), {"": "scene", TOGETHER: "together"}
+    rows, kinds = list[TableRow](), {"": "scene", TOGETHER: "together"}
     for name, pair in itertools.product(study.plan.receiver.names, study.every_pair):
-        row: Row = {"row": kinds.get(pair.name, "effect"), "effect": pair.name}
+        row: TableRow = {"row": kinds.get(pair.name, "effect"), "effect": pair.name}
         row["differs_in"] = pair.label
         row["in_scene"] = int(pair.in_scene) if pair.name else None
         row["fills_sensor"] = int(pair.fills_sensor) if pair.name else None
@@ -223,7 +223,7 @@ def effect_rows(
     return rows
 
 
-def change_cells(present: FrameErrors, absent: FrameErrors, *, lost: bool) -> Row:
+def change_cells(present: FrameErrors, absent: FrameErrors, *, lost: bool) -> TableRow:
     """Compare a receiver's errors with and without an effect, on the same frames.
 
     Args:
@@ -245,13 +245,15 @@ def change_cells(present: FrameErrors, absent: FrameErrors, *, lost: bool) -> Ro
     }
 
 
-def severity_rows(study: EffectStudy, outcomes: Mapping[Place, Outcome]) -> list[Row]:
+def severity_rows(
+    study: EffectStudy, outcomes: Mapping[Place, Outcome]
+) -> list[TableRow]:
     """Give the rows of ``severity.csv``: a row for each effect, severity, receiver and training.
 
     ``trained``: whether the receiver trained ``without`` the effect or ``with`` it, as the table of effects
     has it; ``in_table`` marks the value there.
     """
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for effect, values in study.severities.items():
         parameter, usual = study.config.severity[effect].parameter, study.usual(effect)
         trainings, names = ("without", "with"), study.plan.receiver.names
@@ -260,14 +262,18 @@ def severity_rows(study: EffectStudy, outcomes: Mapping[Place, Outcome]) -> list
             errors = errors_of(outcomes, place, name, trainings.index(trained))
             if errors:
                 counts = errors.counts[0]
-                row: Row = {"effect": effect, "parameter": parameter, "value": value}
+                row: TableRow = {
+                    "effect": effect,
+                    "parameter": parameter,
+                    "value": value,
+                }
                 row |= {"in_table": int(value == usual), "receiver": name}
                 row |= {"trained": trained, **counted(counts)}
                 rows.append(row | {"frame_errors": counts.frame_errors})
     return rows
 
 
-def print_effects(rows: Sequence[Row]) -> None:
+def print_effects(rows: Sequence[TableRow]) -> None:
     """Print the rows of a receiver; changes are those of the bit error rate."""
     columns = {"differs_in": "effect"}
     columns |= {f"{kind}_ms": f"{kind}\nms" for kind in KINDS}

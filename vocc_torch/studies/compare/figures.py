@@ -12,7 +12,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import heatmap, plots, styles
 from vocc_torch.report.plots import LOOK, Curve, Figure, Panel, Rows
 from vocc_torch.report.styles import Style
-from vocc_torch.report.terminal import BLANK, Row, rate_texts, ratio_text
+from vocc_torch.report.terminal import BLANK, TableRow, rate_texts, ratio_text
 from vocc_torch.studies.compare.effect_scenes import EffectStudy
 from vocc_torch.studies.compare.prices import PriceList
 
@@ -42,7 +42,7 @@ DOT = " \N{MIDDLE DOT} "
 
 
 def curves_figure(
-    table: curve.BerTable, rows: Sequence[Row], reference: str, place: str
+    table: curve.BerTable, rows: Sequence[TableRow], reference: str, place: str
 ) -> Figure:
     """Draw one experiment: a panel for each receiver, the best first, with the reference beside it.
 
@@ -71,7 +71,9 @@ def curves_figure(
     return plots.curve_figure(panels, title, note, SETTINGS.receivers)
 
 
-def scenes_figure(rows: Sequence[Row], home: str, receivers: Sequence[str]) -> Figure:
+def scenes_figure(
+    rows: Sequence[TableRow], home: str, receivers: Sequence[str]
+) -> Figure:
     """Draw both ways: trained at home and tested elsewhere, and trained elsewhere and tested at home.
 
     Args:
@@ -103,7 +105,7 @@ def scenes_figure(rows: Sequence[Row], home: str, receivers: Sequence[str]) -> F
     )[0]
 
 
-def transfer_text(row: Row) -> str:
+def transfer_text(row: TableRow) -> str:
     """Write a rate, and under it how it compares with the receiver trained on the scenes of the test."""
     ratio, text = row["ratio"], rate_texts(row["ber"])[0]
     return f"{text}\n{ratio_text(ratio)}" if ratio.leaves_out(1) else text
@@ -115,7 +117,7 @@ def titled(study: EffectStudy, title: str) -> str:
     return f"{title}, scene {study.scene_name} ({label})"
 
 
-def effects_figure(study: EffectStudy, rows: Sequence[Row]) -> Figure:
+def effects_figure(study: EffectStudy, rows: Sequence[TableRow]) -> Figure:
     """Draw costs and changes of the bit error rate, a row an effect.
 
     Changes are on an axis that is linear within a thousandth and logarithmic beyond; a sign is full where its
@@ -160,7 +162,7 @@ def effects_figure(study: EffectStudy, rows: Sequence[Row]) -> Figure:
     return plots.rows_figure(names, panels, title, note)
 
 
-def severity_figure(study: EffectStudy, rows: Sequence[Row]) -> Figure:
+def severity_figure(study: EffectStudy, rows: Sequence[TableRow]) -> Figure:
     """Draw a panel for each effect with severities: bit error rates from harmless to harsh.
 
     Args:

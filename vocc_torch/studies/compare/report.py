@@ -12,7 +12,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import tensorboard
 from vocc_torch.report.plots import Figure
-from vocc_torch.report.terminal import BLANK, Console, Row
+from vocc_torch.report.terminal import BLANK, Console, TableRow
 
 
 def columns_of(name: str) -> tuple[str, str, str]:
@@ -30,9 +30,9 @@ def columns_of(name: str) -> tuple[str, str, str]:
     return name, f"{name}_low", f"{name}_high"
 
 
-def flat(row: Row) -> Row:
+def flat(row: TableRow) -> TableRow:
     """Give a row's cells as a file has them."""
-    cells: Row = {}
+    cells: TableRow = {}
     for name, value in row.items():
         if isinstance(value, Estimate):
             numbers = (None if value is BLANK else number for number in astuple(value))
@@ -45,7 +45,7 @@ def flat(row: Row) -> Row:
 def write_report(
     settings: Settings,
     folder: Path,
-    rows: Mapping[str, Sequence[Row]],
+    rows: Mapping[str, Sequence[TableRow]],
     figures: Mapping[str, Figure],
     **board: Mapping[str, Any],
 ) -> None:
@@ -75,7 +75,7 @@ def write_report(
     run_folder.print_places(Console(), folder, places, settings.tensorboard)
 
 
-def counted(counts: Counts) -> Row:
+def counted(counts: Counts) -> TableRow:
     """Give the cells of counts: frames, bits and the bit error rate with its interval."""
     return {
         "frames": counts.frames,
@@ -85,7 +85,7 @@ def counted(counts: Counts) -> Row:
     }
 
 
-def numbers_of(row: Row) -> dict[str, float]:
+def numbers_of(row: TableRow) -> dict[str, float]:
     """Give a row's numbers, for the board."""
     return {
         name: float(cell)

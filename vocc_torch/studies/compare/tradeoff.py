@@ -12,7 +12,7 @@ from vocc_torch.measure.config import Settings
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.receiver.deciders import needs_preambles
-from vocc_torch.report.terminal import Row, print_rows
+from vocc_torch.report.terminal import TableRow, print_rows
 from vocc_torch.studies.compare import TradeoffConfig, figures
 from vocc_torch.studies.compare.prices import (
     FRAMINGS,
@@ -130,7 +130,7 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
     return PriceList(study, costs, errors, times, machine, waiting.share)
 
 
-def price_rows(prices: PriceList, points: Iterable[OperatingPoint]) -> list[Row]:
+def price_rows(prices: PriceList, points: Iterable[OperatingPoint]) -> list[TableRow]:
     """Give the rows of ``tradeoff.csv``: a row for each receiver, locator and batch.
 
     ``ms`` is the median time a frame with its quartiles. ``rank`` compares receivers with the same batch.
@@ -153,12 +153,16 @@ def price_rows(prices: PriceList, points: Iterable[OperatingPoint]) -> list[Row]
     ]
 
 
-def stage_rows(prices: PriceList) -> list[Row]:
+def stage_rows(prices: PriceList) -> list[TableRow]:
     """Give the rows of ``stages.csv``: each stage's median time a frame, and what training took."""
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     for (key, batch), times in prices.times.items():
         cost = prices.costs[key]
-        cells: Row = {"receiver": key.receiver, "locator": key.locator, "batch": batch}
+        cells: TableRow = {
+            "receiver": key.receiver,
+            "locator": key.locator,
+            "batch": batch,
+        }
         cells |= {f"{name}_ms": times.stage(name).value for name in stage_times.STAGES}
         cells |= {"training_s": cost.training_s, "training_frames": cost.frames}
         cells |= {"parameters": cost.parameters, "size_bytes": cost.size_bytes}
