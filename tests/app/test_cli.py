@@ -140,7 +140,7 @@ def test_a_mistake_of_several_jobs_is_said_once(app, tmp_path, words):
     ran = app("-m", "panel.columns=4,8,16", *words.split())
     said = ("input nothing", "input is ['a']", "name is ", "camera.gama", "panel.rows")
     assert ran.complaint.startswith(said)
-    assert ran.out.count("refused as job 0 is") == 2
+    assert ran.out.count("failed for the reason of job 0") == 2
     assert not (tmp_path / "runs").exists()
 
 

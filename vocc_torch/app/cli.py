@@ -215,7 +215,7 @@ def run_job(
     jobs.tell(number, complaint=complaint, trace=trace)
     first, *_ = (w["job"] for w in jobs.told() if w.get("complaint") == complaint)
     if first != number and not trace:
-        print(f"refused as job {first} is", flush=True)
+        print(f"failed for the reason of job {first}", flush=True)
     else:
         complain(
             f"job {number}: {complaint}"

@@ -234,10 +234,10 @@ class Pool:
         cls, grey: Tensor, corners_px: Tensor, shapes: Tensor, readable: Tensor
     ) -> Self:
         """Halve frames (N,H,W) uint8."""
-        frames = [Pyramid.of(frame[None, None]) for frame in grey]
-        atlases = torch.stack([frame.atlas.byte() for frame in frames])
-        sizes = frames[0].sizes
-        return cls(atlases.to(shapes.device), sizes, corners_px, shapes, readable)
+        sizes = Pyramid.of(grey[:1, None]).sizes
+        atlases = [Pyramid.of(frame[None, None]).atlas.byte() for frame in grey]
+        atlas = torch.stack(atlases).to(shapes.device)
+        return cls(atlas, sizes, corners_px, shapes, readable)
 
     @property
     def device(self) -> torch.device:
