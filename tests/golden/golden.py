@@ -30,7 +30,6 @@ MEASURED = re.compile(
 """Columns that are times, hang on times or on the machine, or are sentences."""
 TIMED_CLAIM = re.compile(r"^time\.")
 """Claims of the scorecard that are about times: of their rows the name alone is kept."""
-RATE = re.compile(r"\d+(?:\.\d+)?e-\d+")
 NAMES = "names"
 
 
@@ -83,15 +82,6 @@ def reduced(source, target):
     return len(rows)
 
 
-def recommended(text):
-    """The rates that a recommendation states, of sentences that do not begin with a time."""
-    wanted = re.findall(
-        r"(?:For a BER|What is possible|The best here).*?\.(?= [A-Z]|$)",
-        " ".join(text.split()),
-    )
-    return [" ".join(RATE.findall(said)) for said in wanted]
-
-
 def keep_run(run, into):
     """Write what is compared of one run's folder."""
     said = set()
@@ -108,11 +98,6 @@ def keep_run(run, into):
                 f"heading {name} {line}"
                 for line in path.read_text().splitlines()
                 if line.startswith("#")
-            }
-        elif into.name == "recommendation" and path.suffix == ".txt":
-            said |= {
-                f"rates {name} {at:02} {text}"
-                for at, text in enumerate(recommended(path.read_text()))
             }
     write_lines(said, into)
 

@@ -1,4 +1,4 @@
-"""Operating points, their frontier and what is recommended are what their definitions give."""
+"""Times and errors of receivers and their frontier are what their definitions give."""
 
 import itertools
 
@@ -16,19 +16,10 @@ from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.runner import Outcome
 from vocc_torch.measure.stage_times import STAGES, StageTimes
 from vocc_torch.measure.sweep import curves_of
-from vocc_torch.measure.train import Making
 from vocc_torch.studies.compare import TradeoffConfig
 from vocc_torch.studies.compare.figures import price_figure
-from vocc_torch.studies.compare.prices import (
-    OperatingPoint,
-    PriceList,
-    TradeoffStudy,
-    ranked,
-    recommendation,
-    setting_name,
-)
 from vocc_torch.studies.compare.report import flat
-from vocc_torch.studies.compare.tradeoff import price_rows, stage_rows
+from vocc_torch.studies.compare.tradeoff import PriceList, TradeoffStudy, ranked
 
 LEDS, FRAMES = 64, 1000
 NAMES = ("average_greyscale", "flda_2", "flda_3")
@@ -69,13 +60,12 @@ def study(make_plan):
 @pytest.fixture
 def prices(study):
     times = {
-        (key, batch): spent(ms / factor)
-        for key, ms in zip(study.keys, ALONE_MS, strict=True)
+        (name, batch): spent(ms / factor)
+        for name, ms in zip(study.keys, ALONE_MS, strict=True)
         for batch, factor in ((1, 1), (32, 2))
     }
-    costs = dict.fromkeys(study.keys, Making(1.5, 1.0, 1000, 80, 1700))
-    made = measured(list(map(setting_name, study.keys)), BIT_ERRORS)
-    return PriceList(study, costs, made, times, "a machine", waited_share=0.2)
+    made = measured(list(study.keys), BIT_ERRORS)
+    return PriceList(study, made, times, "a machine", waited_share=0.2)
 
 
 def test_the_frontier_is_what_nothing_beats(prices):
@@ -87,30 +77,30 @@ def test_the_frontier_is_what_nothing_beats(prices):
         )
     )
     def holds(pairs):
-        settings = [Key("paper", str(row)) for row in range(len(pairs))]
-        names = list(map(setting_name, settings))
-        made = measured(names, [wrong for _, wrong in pairs])
-        points = [
-            OperatingPoint(setting, 1, Estimate(ms, ms, ms), row.rate)
-            for setting, row, (ms, _) in zip(settings, made, pairs, strict=True)
+        made = measured(list(map(str, range(len(pairs)))), [one for _, one in pairs])
+        rows = [
+            {"ms": Estimate(ms, ms, ms), "ber": row.rate}
+            for row, (ms, _) in zip(made, pairs, strict=True)
         ]
-        for point, (ms, wrong) in zip(ranked(points, made), pairs, strict=True):
+        for row, (ms, wrong) in zip(ranked(rows, made), pairs, strict=True):
             beaten = any(
                 (a <= ms and b < wrong) or (a < ms and b <= wrong) for a, b in pairs
             )
-            assert (point.rank == "frontier") != beaten
+            assert (row["rank"] == "frontier") != beaten
 
     holds()
 
 
 def test_points_have_the_counts_interval_and_the_best_batch(prices):
-    points = prices.points()
-    np.testing.assert_allclose([point.ms for point in points], np.array(ALONE_MS) / 2)
-    assert {point.batch for point in points} == {32}
-    np.testing.assert_allclose([point.ms for point in prices.points(1)], ALONE_MS)
-    assert points[1].ber == ber_interval(Counts(FRAMES, FRAMES * LEDS, 600, 1200, 300))
-    ranks = [point.rank for point in points]
-    assert [row for row, rank in enumerate(ranks) if rank != "frontier"] == [3]
+    rows = prices.rows()
+    times = [row["ms"].value for row in rows]
+    np.testing.assert_allclose(times, np.array(ALONE_MS) / 2)
+    assert {row["batch"] for row in rows} == {32}
+    alone = [row["ms"].value for row in prices.rows(1)]
+    np.testing.assert_allclose(alone, ALONE_MS)
+    assert rows[1]["ber"] == ber_interval(Counts(FRAMES, FRAMES * LEDS, 600, 1200, 300))
+    ranks = [row["rank"] for row in rows]
+    assert [at for at, rank in enumerate(ranks) if rank != "frontier"] == [3]
     assert ranks[3] == "beaten"
 
 
@@ -125,26 +115,14 @@ def test_several_trainings_give_the_algorithms_rate(prices):
 
 
 def test_tables_have_a_row_each_and_at_most_fifteen_columns(prices):
-    rows = list(map(flat, price_rows(prices, prices.points(1))))
+    rows = list(map(flat, prices.rows(1)))
     assert len(rows) == len(ALONE_MS)
     assert {len(row) for row in rows} == {14}
-    first = stage_rows(prices)[0]
-    total = sum(first[f"{stage}_ms"] for stage in STAGES)
-    assert total == pytest.approx(ALONE_MS[0])
-
-
-def test_words_take_what_the_table_says(prices):
-    words = recommendation(prices)
-    assert max(map(len, words.splitlines())) <= 110
-    text = " ".join(words.split())
-    assert "Within 1.00 ms a frame: none; the quickest is Average greyscale" in text
-    assert "Within 10.0 ms a frame: take FLDA: AGR + GRI + NGR, refined locator" in text
-    assert "For a BER below 1.0e-3: take FLDA: AGR + GRI, refined locator" in text
-    assert "Other work had the processor for 20 % of the time." in text
+    assert "Other work had the processor for 20 % of the time." in prices.conditions()
 
 
 def test_the_figure_has_a_panel_a_locator_with_the_frontier(prices):
-    first, second = price_figure(prices).axes
+    first, second = price_figure(prices.rows(), "").axes
     assert first.get_xlabel() == "Time a frame (ms)"
     assert first.get_ylabel() == "Bit error rate"
     titles = [axes.get_title(loc="left") for axes in (first, second)]

@@ -20,7 +20,12 @@ from vocc_torch.report import folder as run_folder
 from vocc_torch.report import rate_tables, styles
 from vocc_torch.report.terminal import BLANK, TableRow, print_rows
 from vocc_torch.studies.compare import RivalsConfig, figures
-from vocc_torch.studies.compare.report import counted, numbers_of, write_report
+from vocc_torch.studies.compare.report import (
+    counted,
+    left_out_lines,
+    numbers_of,
+    write_report,
+)
 from vocc_torch.studies.run import (
     Case,
     Run,
@@ -329,5 +334,5 @@ def print_classifiers(
         columns[f"{place}_ber"] = f"BER at\n{point}"
         columns[f"{place}_ratio"] = f"of\n{config.reference}"
     notes = ["Fewest wrong bits over all points first; 95 % intervals over frames."]
-    notes += [f"Left out: {name}, since {why}." for name, why in left_out.items()]
+    notes += left_out_lines(left_out)
     print_rows(rows, {**columns, "training_s": "train\ns"}, "\n".join(notes))

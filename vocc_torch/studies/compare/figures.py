@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 
 import numpy as np
 from matplotlib import ticker
@@ -14,7 +13,6 @@ from vocc_torch.report.plots import LOOK, Curve, Figure, Panel, Rows
 from vocc_torch.report.styles import Style
 from vocc_torch.report.terminal import BLANK, TableRow, rate_texts, ratio_text
 from vocc_torch.studies.compare.effect_scenes import EffectStudy
-from vocc_torch.studies.compare.prices import PriceList
 
 
 @dataclass(frozen=True)
@@ -194,25 +192,30 @@ def severity_figure(study: EffectStudy, rows: Sequence[TableRow]) -> Figure:
     return figure
 
 
-def price_figure(prices: PriceList) -> Figure:
-    """Draw every receiver's time a frame against its bit error rate, a panel a locator, with the frontier."""
-    points = sorted(prices.points(), key=attrgetter("ms"))
-    looks = styles.receiver_styles(point.key.receiver for point in points)
-    frontier = [point for point in points if point.rank == "frontier"]
-    best = [point.ber.value or point.ber.high for point in frontier]
+def price_figure(rows: Sequence[TableRow], conditions: str) -> Figure:
+    """Draw times a frame against bit error rates, a panel a locator, with the frontier.
+
+    Args:
+        rows: of ``tradeoff.csv``, one for each receiver and locator.
+        conditions: what they rest on.
+    """
+    quickest = sorted(rows, key=lambda row: float(row["ms"].value))
+    looks = styles.receiver_styles(row["receiver"] for row in quickest)
+    frontier = [row for row in quickest if row["rank"] == "frontier"]
+    best = [row["ber"].value or row["ber"].high for row in frontier]
     rates = [Estimate(rate, rate, rate) for rate in best]
-    line = Curve(FRONTIER, [point.ms for point in frontier], rates, bars=False)
+    line = Curve(FRONTIER, [row["ms"].value for row in frontier], rates, bars=False)
     panels = []
-    for locator in prices.study.config.locators:
+    for locator in dict.fromkeys(row["locator"] for row in rows):
         curves = [
-            Curve(looks[point.key.receiver], [point.ms], [point.ber])
-            for point in points
-            if point.key.locator == locator
+            Curve(looks[row["receiver"]], [row["ms"].value], [row["ber"]])
+            for row in quickest
+            if row["locator"] == locator
         ]
         words = styles.LOCATED[locator], "Time a frame (ms)"
         panels.append(Panel([line, *curves], *words, x_scale="log", spread_pt=0))
-    title = f"Time and errors of {len(points)} receivers, {prices.study.scene_name}"
-    note = f"{prices.conditions()} Bars: 95 % intervals; arrows: no errors, 95 % upper limit."
+    title = f"Time and errors of {len(rows)} receivers, {rows[0]['scenes']}"
+    note = f"{conditions} Bars: 95 % intervals; arrows: no errors, 95 % upper limit."
     figure = plots.curve_figure(panels, title, note, panel_in=SETTINGS.price_in)
     for axes in figure.axes:
         axes.xaxis.set_major_locator(ticker.LogLocator(10, subs=(1, 2, 5)))

@@ -92,3 +92,8 @@ def numbers_of(row: TableRow) -> dict[str, float]:
         for name, cell in flat(row).items()
         if isinstance(cell, int | float)
     }
+
+
+def left_out_lines(reasons: Mapping[str, str]) -> list[str]:
+    """Say what is not in the results and why, a line for each."""
+    return [f"Left out: {name}, since {why}." for name, why in reasons.items()]

@@ -1,66 +1,191 @@
-"""``task=tradeoff``: receivers trained, counted on the same frames, timed when nothing else runs."""
+"""``task=tradeoff``: what each receiver costs in time, and makes in errors on the same frames."""
 
-from collections.abc import Iterable
-from dataclasses import astuple, replace
-from operator import attrgetter
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from vocc_torch.files import write_atomically
-from vocc_torch.measure import link, stage_times, sweep, timing
+from vocc_torch.errors import VoccError, demand_least, demand_word, whole_number
+from vocc_torch.measure import estimate, link, stage_times, sweep, timing
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.frame_errors import Key
+from vocc_torch.measure.plan import Plan
 from vocc_torch.receiver.deciders import needs_preambles
 from vocc_torch.report.terminal import TableRow, print_rows
+from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.compare import TradeoffConfig, figures
-from vocc_torch.studies.compare.prices import (
-    FRAMINGS,
-    SETTINGS,
-    OperatingPoint,
-    PriceList,
-    TradeoffStudy,
-    recommendation,
-    setting_name,
-)
-from vocc_torch.studies.compare.report import numbers_of, write_report
+from vocc_torch.studies.compare.report import left_out_lines, numbers_of, write_report
 from vocc_torch.studies.run import Case, Run, begin, scene_plan
 from vocc_torch.types import resolve_device
 
+FRAMINGS: Mapping[str, Framing] = {"whole": "filled", "crops": "crop"}
+"""How frames are rendered that a receiver gets whole, or cut to the panel's surroundings."""
+
+
+@dataclass(frozen=True)
+class PriceSettings:
+    """How times are taken and judged."""
+
+    least_frames: int = 48  # timed rounds meet at least so many, whatever the batch
+    most_batch: int = 1024  # frames at a time
+    busy_share: float = 0.05  # waiting from which times are said to be doubtful
+
+
+SETTINGS = PriceSettings()
+
+
+@dataclass(frozen=True)
+class TradeoffStudy:
+    """A study of what accuracy costs in time.
+
+    Args:
+        plan: world, receivers and budget; its experiment has no part in it.
+        config: the study's section of the configuration.
+        scene_name: what results call the scene.
+        left_out: receivers that were asked for and cannot be built here, and why.
+
+    Raises:
+        VoccError: a value outside its range or an unknown name.
+    """
+
+    plan: Plan
+    config: TradeoffConfig
+    scene_name: str = ""
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check every list and every number, before any work is done."""
+        config = self.config
+        for name in ("locators", "batch_sizes"):
+            if not getattr(config, name):
+                raise VoccError(
+                    f"tradeoff.{name} is empty: it must hold at least one value"
+                )
+        self.plan.receiver.demand_locators("tradeoff.locators", config.locators)
+        demand_word("tradeoff.frames", config.frames, FRAMINGS)
+        for batch in config.batch_sizes:
+            whole_number("tradeoff.batch_sizes", batch, 1, SETTINGS.most_batch)
+        demand_least("tradeoff.", config, repeats=1, threads=0)
+        why = "task=tradeoff, which compares receivers on the same frames"
+        self.plan.budget.demand_no_stop_rule(why)
+
+    @property
+    def keys(self) -> dict[str, Key]:
+        """Every receiver with every locator, by a name for tables and folders."""
+        return {
+            f"{name}-{locator}": Key(locator, name)
+            for locator in self.config.locators
+            for name in self.plan.receiver.names
+        }
+
+
+@dataclass(frozen=True)
+class PriceList:
+    """All that was measured.
+
+    Args:
+        study: what was to be measured.
+        errors: of every receiver by its name in the study, at one value.
+        times: the stages' times, by that name and the batch.
+        machine: what was measured on.
+        waited_share: share of the time in which other work had the processor, 0 to 1.
+    """
+
+    study: TradeoffStudy
+    errors: Curves
+    times: Mapping[tuple[str, int], stage_times.StageTimes]
+    machine: str
+    waited_share: float = 0.0
+
+    def rows(self, *batches: int) -> list[TableRow]:
+        """Give rows of ``tradeoff.csv``: each receiver with the quickest of some batches; of all by default.
+
+        ``ms`` is the median time a frame with its quartiles. ``rank`` compares the rows.
+        """
+        study, rows = self.study, list[TableRow]()
+        for (name, key), error in zip(study.keys.items(), self.errors, strict=True):
+            totals = {
+                batch: self.times[name, batch].total
+                for batch in batches or study.config.batch_sizes
+            }
+            best = min(totals, key=lambda batch: totals[batch].value)
+            row: TableRow = {"receiver": key.receiver, "locator": key.locator}
+            row["device"] = str(resolve_device(study.plan.world.device))
+            row |= {"frames": study.config.frames, "batch": best, "ms": totals[best]}
+            row |= {"scenes": study.scene_name, "test_frames": error.frames}
+            rows.append(row | {"ber": error.rate})
+        return ranked(rows, self.errors)
+
+    def conditions(self) -> str:
+        """Say what the prices rest on."""
+        study, (first, *_) = self.study, self.errors
+        handed = "whole frames" if study.config.frames == "whole" else "crops"
+        text = (
+            f"{first.frames} frames of the scene {study.scene_name}, the same for all;"
+            f" times on {handed} in each receiver's best batch; {self.machine}."
+        )
+        if self.waited_share >= SETTINGS.busy_share:
+            share = 100 * self.waited_share
+            text += f" Other work had the processor for {share:.0f} % of the time."
+        return text
+
+
+def ranked(rows: Sequence[TableRow], errors: Curves) -> list[TableRow]:
+    """Add a ``rank`` to each row.
+
+    It is ``frontier`` where no other is quicker and better, by medians and rates; ``beaten`` where one is so
+    whose rate is lower beyond chance, else ``perhaps``.
+
+    Args:
+        rows: of receivers, in the order of the errors.
+        errors: of these receivers, at one value.
+    """
+    # By intervals of all pairs that hold together at 95 %.
+    confidence = estimate.joint_confidence(estimate.all_pairs(len(rows)))
+    prices = [(row["ms"].value, row["ber"].value) for row in rows]
+    (value,), found = errors.values, []
+    for name, row, (ms, ber) in zip(errors.receivers, rows, prices, strict=True):
+        surely = [
+            errors.difference(name, better, value, confidence).low > 0
+            for better, price in zip(errors.receivers, prices, strict=True)
+            if price != (ms, ber) and price[0] <= ms and price[1] <= ber
+        ]
+        rank = "beaten" if any(surely) else "perhaps" if surely else "frontier"
+        found.append({**row, "rank": rank})
+    return found
+
 
 def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> None:
-    """Price receivers, and report it: tables, words, board and a figure.
+    """Price receivers, and report it: tables, board and a figure.
 
     Raises:
         VoccError: an unknown name, a value outside its range, or whatever a stage refuses.
     """
     study = build_tradeoff_study(settings, config)
     with begin(settings, folder, study.plan, 3) as run:
-        prices = price_receivers(study, run)
-    words = recommendation(prices)
-    write_atomically(folder / "recommendation.txt", words.encode())
-    quickest = price_rows(prices, sorted(prices.points(), key=attrgetter("ms")))
+        prices, stages = price_receivers(study, run)
     columns = {name: name for name in ("receiver", "locator", "batch", "ms")}
     columns |= {"ber": "BER", "rank": ""}
     note = "frontier: nothing is both quicker and better; beaten: surely, perhaps: by chance"
-    print_rows(quickest, columns, f"{note}\n\n{words}")
+    lines = [note, "", prices.conditions(), *left_out_lines(study.left_out)]
+    quickest = sorted(prices.rows(), key=lambda row: float(row["ms"].value))
+    print_rows(quickest, columns, "\n".join(lines))
     every = [
-        point for batch in study.config.batch_sizes for point in prices.points(batch)
+        rounded(row) for batch in study.config.batch_sizes for row in prices.rows(batch)
     ]
-    rows = price_rows(prices, every)
     runs = {
         f"{row['receiver']}-{row['locator']}": (
             {name: row[name] for name in ("receiver", "locator")},
             numbers_of(row),
         )
-        for row in rows
+        for row in every
     }
     write_report(
         settings,
         folder,
-        {"tradeoff": rows, "stages": stage_rows(prices)},
-        {"tradeoff": figures.price_figure(prices)},
-        texts={"recommendation": f"```\n{words}\n```"},
+        {"tradeoff": every, "stages": list(map(rounded, stages))},
+        {"tradeoff": figures.price_figure(prices.rows(), prices.conditions())},
         runs=runs,
     )
 
@@ -80,23 +205,25 @@ def build_tradeoff_study(settings: Settings, config: TradeoffConfig) -> Tradeoff
     return TradeoffStudy(plan, config, settings.scene.name, left_out)
 
 
-def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
+def price_receivers(study: TradeoffStudy, run: Run) -> tuple[PriceList, list[TableRow]]:
     """Train every receiver, count errors, and take times once the workers have ended.
 
     Frames lie as uint8 in the host's memory while times are taken; rendering is not timed.
 
+    Returns:
+        What was measured, and the rows of ``stages.csv``: each stage's median time a frame, and what training
+        took.
+
     Raises:
         VoccError: what training refuses, or a worker that was ended from outside.
     """
-    plan, config, keys = study.plan, study.config, study.keys
+    plan, config, experiment = study.plan, study.config, study.plan.experiment
     trained = {locator: plan.locating_with(locator) for locator in config.locators}
     with run.pool:
         run.train(list(trained.values()))
         (outcome,) = run.count([Case(plan, list(trained.values()))])
     trainings = {locator: run.training(of) for locator, of in trained.items()}
-    experiment, names = plan.experiment, {setting_name(key): key for key in keys}
-    outcomes = {experiment.values[0]: outcome}
-    errors = sweep.curves_of(experiment, names, outcomes)
+    errors = sweep.curves_of(experiment, study.keys, {experiment.values[0]: outcome})
     device = resolve_device(plan.world.device)
     finders = plan.receiver.finders(config.locators)
     receivers = {
@@ -105,10 +232,10 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
             plan.receiver.reader,
             finders[key.locator],
         )
-        for name, key in names.items()
+        for name, key in study.keys.items()
     }
     frames = max(SETTINGS.least_frames, *config.batch_sizes)
-    times: dict[tuple[Key, int], stage_times.StageTimes] = {}
+    times: dict[tuple[str, int], stage_times.StageTimes] = {}
     with (
         run.stage("times", len(config.batch_sizes)) as advance,
         timing.threads(config.threads),
@@ -124,54 +251,26 @@ def price_receivers(study: TradeoffStudy, run: Run) -> PriceList:
         for batch in config.batch_sizes:
             rounds = max(config.repeats, -(-SETTINGS.least_frames // batch))
             timed = stage_times.time_stages(receivers, exposure, batch, rounds, device)
-            times |= {(names[name], batch): spent for name, spent in timed.items()}
+            times |= {(name, batch): spent for name, spent in timed.items()}
             advance(1)
-    costs = {key: trainings[key.locator].making(key.receiver) for key in keys}
-    return PriceList(study, costs, errors, times, machine, waiting.share)
+    stages = []
+    for (name, batch), spent in times.items():
+        key = study.keys[name]
+        cost = trainings[key.locator].making(key.receiver)
+        row = {"receiver": key.receiver, "locator": key.locator, "batch": batch}
+        row |= {f"{stage}_ms": spent.stage(stage).value for stage in stage_times.STAGES}
+        row |= {"training_s": cost.training_s, "training_frames": cost.frames}
+        row |= {"parameters": cost.parameters, "size_bytes": cost.size_bytes}
+        stages.append(row)
+    return PriceList(study, errors, times, machine, waiting.share), stages
 
 
-def price_rows(prices: PriceList, points: Iterable[OperatingPoint]) -> list[TableRow]:
-    """Give the rows of ``tradeoff.csv``: a row for each receiver, locator and batch.
-
-    ``ms`` is the median time a frame with its quartiles. ``rank`` compares receivers with the same batch.
-    """
-    study = prices.study
-    return [
-        {
-            "receiver": point.key.receiver,
-            "locator": point.key.locator,
-            "device": str(resolve_device(study.plan.world.device)),
-            "frames": study.config.frames,
-            "batch": point.batch,
-            "ms": rounded(point.time_ms),
-            "scenes": study.scene_name,
-            "test_frames": prices.frames,
-            "ber": rounded(point.ber),
-            "rank": point.rank,
-        }
-        for point in points
-    ]
-
-
-def stage_rows(prices: PriceList) -> list[TableRow]:
-    """Give the rows of ``stages.csv``: each stage's median time a frame, and what training took."""
-    rows: list[TableRow] = []
-    for (key, batch), times in prices.times.items():
-        cost = prices.costs[key]
-        cells: TableRow = {
-            "receiver": key.receiver,
-            "locator": key.locator,
-            "batch": batch,
-        }
-        cells |= {f"{name}_ms": times.stage(name).value for name in stage_times.STAGES}
-        cells |= {"training_s": cost.training_s, "training_frames": cost.frames}
-        cells |= {"parameters": cost.parameters, "size_bytes": cost.size_bytes}
-        rows.append({name: rounded(cell) for name, cell in cells.items()})
-    return rows
-
-
-def rounded(cell: Any) -> Any:
+def rounded(row: TableRow) -> TableRow:
     """Round floats and estimates to five digits, more than any time or rate has."""
-    if isinstance(cell, Estimate):
-        return Estimate(*map(rounded, astuple(cell)))
-    return float(f"{cell:.5g}") if isinstance(cell, float) else cell
+
+    def digits(cell: Any) -> Any:
+        if isinstance(cell, estimate.Estimate):
+            return estimate.Estimate(*map(digits, astuple(cell)))
+        return float(f"{cell:.5g}") if isinstance(cell, float) else cell
+
+    return {name: digits(cell) for name, cell in row.items()}
