@@ -42,7 +42,7 @@ def grid_of(cells, ambient=AMBIENT, luminance=LUMINANCE):
             for j, value in enumerate(luminance)
             for receiver, table in cells.items()
         ]
-        rows.append(Curves(points, {}))
+        rows.append(Curves(points))
     return Grid("ambient_lx", ambient, tuple(rows))
 
 

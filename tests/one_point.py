@@ -27,7 +27,7 @@ def job_of(plan, of_locators, value):
 
 
 def run_point(
-    job, rule, *, store=None, batch_frames=64, told=lambda frames, counts: None
+    job, rule, *, store=None, batch_frames=64, told=lambda point, frames: None
 ):
     """Add blocks of one point in index order until the rule holds."""
     with Workers(1) as workers:
@@ -42,7 +42,8 @@ def sweep_point(plan, flda, value):
     rule = replace(plan.budget, frames=plan.frames_in_point)
     job = job_of(plan, banks(plan, {plan.receiver.locator: flda}), value)
     outcome = run_point(job, rule, batch_frames=plan.batch_frames)
-    return sweep.points_of(plan, value, outcome.counts, outcome.stopped_by)
+    locator = plan.receiver.locator
+    return sweep.curves_at(plan, locator, {value: outcome})
 
 
 @dataclass(eq=False)

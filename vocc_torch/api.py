@@ -379,7 +379,7 @@ def measure(
             for value in axes.simulated_values
         ]
         counted = sweep.outcomes(
-            jobs, Workers(1), opened, lambda _, more, __: progress(more)
+            jobs, Workers(1), opened, lambda _, more: progress(more)
         )
         outcomes = dict(zip(axes.simulated_values, counted, strict=True))
     keys = {name: Key(OWN, name) for name in named}

@@ -9,8 +9,8 @@ from vocc_torch.app.config import run_folder
 from vocc_torch.app.jobs import begin_again
 from vocc_torch.errors import VoccError
 from vocc_torch.files import locked
-from vocc_torch.measure import sweep
 from vocc_torch.report import folder, rate_tables
+from vocc_torch.report.terminal import ProgressView
 
 SMALL = ("budget.training_frames=16",)
 
@@ -137,17 +137,18 @@ SHORT = (
 def test_ctrl_c_keeps_what_is_counted_and_the_same_command_goes_on(app, monkeypatch):
     """A table that loses frames or values afterwards says so."""
     assert app(*SHORT, "name=undisturbed").status == 0
-    blocks, count = [], sweep.points_of
+    blocks, advance = [], ProgressView.advance
 
-    def interrupt(plan, value, tallies, stopped_by):
-        # The fourth look is at the first block of the second value.
-        blocks.append(value)
-        if len(blocks) == 5:
+    def interrupt(view, doing, frames):
+        advance(view, doing, frames)
+        if "bit error rates" in doing:
+            blocks.append(frames)
+        # The third block is the first one of the second value.
+        if len(blocks) == 3:
             raise KeyboardInterrupt
-        return count(plan, value, tallies, stopped_by)
 
     with monkeypatch.context() as patch:
-        patch.setattr(sweep, "points_of", interrupt)
+        patch.setattr(ProgressView, "advance", interrupt)
         ran = app(*SHORT)
     assert ran.status == 130
     assert "the same command with name=again resumes" in " ".join(ran.out.split())

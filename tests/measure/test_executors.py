@@ -89,8 +89,8 @@ def story(sweeps, tmp_path_factory):
     """One start of two processes serves all that is asked of them; the last thing ends them."""
     path, told = tmp_path_factory.mktemp("workers") / "ledger", []
 
-    def tell(job, frames, _):
-        told.append((job.point, frames))
+    def tell(point, frames):
+        told.append((point.job.point, frames))
 
     with pytest.MonkeyPatch.context() as patch, Workers(2) as workers:
         patch.setenv("OMP_NUM_THREADS", "2")
@@ -131,7 +131,7 @@ def test_two_processes_measure_what_one_measures(sweeps, story):
         alone = results(
             sweeps,
             workers,
-            lambda job, frames, _: told.append((job.point, frames)),
+            lambda point, frames: told.append((point.job.point, frames)),
         )
     assert story.results == alone
     for name, locator, why in (

@@ -24,7 +24,8 @@ DARK = {"ambient_lx": Distribution("constant", (1000.0,))}
 def counts_of(plan, flda, value=None):
     """The counts of one point by receiver."""
     at = plan.experiment.values[0] if value is None else value
-    return {point.receiver: point.counts for point in sweep_point(plan, flda, at)}
+    counts = sweep_point(plan, flda, at).counts
+    return {receiver: of for (receiver, _), of in counts.items()}
 
 
 # One pass over the frames for every receiver and locator
@@ -170,7 +171,7 @@ def test_bins_hold_the_frames_of_their_contrast(make_plan, trained):
     """Sorted once more, in plain Python."""
     plan = contrast_plan(make_plan, frames=30, names=("flda_3",))
     assert (plan.frames_in_point, plan.experiment.simulated_values) == (120, (0.0,))
-    points = {p.value: p.counts.frames for p in sweep_point(plan, trained, 0.0)}
+    points = {row.value: row.frames for row in sweep_point(plan, trained, 0.0)}
     model = plan.experiment.model_at(plan.world, 0.0)
     drawn = [
         model.draw(BlockKey(0, "contrast", block), plan.world.panel.shape)[0]

@@ -77,9 +77,9 @@ def test_the_finished_table_is_plain_and_says_how_to_read_it(table):
 def test_each_value_is_one_line_with_rates_where_they_are_asked_for(table):
     for value in (1000, 8000):
         points = [made_up_point(value, name, 5) for name in table.receivers]
-        (line,) = point_lines(points, rates=False)
+        (line,) = point_lines(BerTable(points), rates=False)
         assert line == f"ambient_lx={value}: 2000 frames, the whole budget"
-        (told,) = point_lines(points, rates=True)
+        (told,) = point_lines(BerTable(points), rates=True)
         rates = ", ".join(f"{p.receiver} {rate_text(p.counts.ber)}" for p in points)
         assert told == f"{line}; {rates}"
 

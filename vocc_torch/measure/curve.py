@@ -3,11 +3,11 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TypeAlias
 
 from vocc_torch.errors import VoccError, demand_within
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
+from vocc_torch.measure.frame_errors import FrameErrors, Pairs
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.trainings import Trained, mean_difference
@@ -279,37 +279,41 @@ class BerTable:
         return tuple(sorted(rows, key=lambda row: row.value))
 
 
-Pairs: TypeAlias = Mapping[tuple[str, str, float], PairedCounts]
-"""Comparisons by the two receivers and the value."""
-
-
 class Curves(BerTable):
     """Every receiver along one axis, with what every two of them differ in.
 
     Args:
         points: measured points, by value and then by receiver.
-        paired: comparisons by (a, b, value), where a stands before b among the receivers.
-        trained_pairs: comparisons of all trainings together, where there are several.
+        errors: of the receivers in each frame by value, after each training; none where frames do not weigh
+            alike, and receivers cannot be compared frame by frame.
 
     Attributes:
         counts: errors by (receiver, value).
         trained: errors of all trainings by (receiver, value), where there are several.
+        pairs: comparisons by value: after the first training, and of all trainings together.
 
     Example:
-        >>> place, counts = ("d", "distance_m", 50.0), Counts(64, 4096, 4, 8, 2)
-        >>> one = Point(*place, "flda_2", "truth", counts, "frames")
-        >>> other = Point(*place, "flda_3", "truth", Counts(64, 4096), "frames")
-        >>> paired = {("flda_2", "flda_3", 50.0): PairedCounts(64, 4096, 4, 8, 2)}
-        >>> curves = Curves([one, other], paired)
+        >>> import numpy as np
+        >>> half, found = np.array([[2, 2], [0, 0]]), np.ones((2, 2), int)
+        >>> errors = FrameErrors(np.vstack([half, found, 1 - found, [0, 0]]), leds=64)
+        >>> place, names = ("d", "distance_m", 50.0), ("flda_2", "flda_3")
+        >>> counts = dict(zip(names, errors.counts))
+        >>> points = [Point(*place, name, "truth", counts[name], "frames") for name in names]
+        >>> curves = Curves(points, {50.0: [errors]})
         >>> len(curves), curves.pair("flda_3", "flda_2", 50.0).half_difference
         (2, -4)
     """
 
     def __init__(
-        self, points: Sequence[Point], paired: Pairs, trained_pairs: Pairs | None = None
+        self,
+        points: Sequence[Point],
+        errors: Mapping[float, Sequence[FrameErrors]] = {},
     ) -> None:
         super().__init__(points)
-        self.paired, self.trained_pairs = paired, trained_pairs or paired
+        self.pairs = {
+            at: (each[0].pairs, FrameErrors.pooled(each).pairs)
+            for at, each in errors.items()
+        }
         by_place = {(point.receiver, point.value): point for point in points}
         self.counts = {at: point.counts for at, point in by_place.items()}
         self.trained = {at: p.trained for at, p in by_place.items() if p.trained}
@@ -330,7 +334,7 @@ class Curves(BerTable):
         """Compare receiver a with receiver b, at one value or over all of them."""
         if value is None:
             return sum((self.pair(a, b, at) for at in self.values), PairedCounts())
-        return _of_either(self.paired, a, b, value)
+        return self._compared(self.pairs[value][0], a, b)
 
     def trainings(self, receiver: str, value: float) -> Trained:
         """Give what one receiver got wrong after each training, of which there may be one."""
@@ -343,7 +347,14 @@ class Curves(BerTable):
 
     def tested_pair(self, a: str, b: str, value: float) -> PairedCounts:
         """Compare receiver a with receiver b over all their trainings."""
-        return _of_either(self.trained_pairs, a, b, value)
+        return self._compared(self.pairs[value][1], a, b)
+
+    def _compared(self, pairs: Pairs, a: str, b: str) -> PairedCounts:
+        """Give a comparison that is held as seen from the receiver that comes first."""
+        first, second = self.receivers.index(a), self.receivers.index(b)
+        if first < second:
+            return pairs[first, second]
+        return pairs[second, first].swapped()
 
     def difference(
         self, a: str, b: str, value: float, confidence: float = CONFIDENCE
@@ -352,8 +363,3 @@ class Curves(BerTable):
         first, second = self.trainings(a, value), self.trainings(b, value)
         pair = self.tested_pair(a, b, value)
         return mean_difference(first, second, pair, confidence)
-
-
-def _of_either(pairs: Pairs, a: str, b: str, value: float) -> PairedCounts:
-    """Give a comparison that is held as seen from one of the two receivers."""
-    return pairs.get((a, b, value)) or pairs[b, a, value].swapped()

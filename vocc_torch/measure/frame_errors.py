@@ -14,6 +14,9 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.paired import PairedCounts
 
+Pairs = dict[tuple[int, int], PairedCounts]
+"""Comparisons by the places (a, b) of two receivers, a before b."""
+
 
 @dataclass(frozen=True, slots=True)
 class Key:
@@ -147,7 +150,7 @@ class FrameErrors:
         return [Counts(frames, frames * self.leds, *sums) for sums in rows]
 
     @cached_property
-    def pairs(self) -> dict[tuple[int, int], PairedCounts]:
+    def pairs(self) -> Pairs:
         """Comparisons by the places (a, b), a before b.
 
         All in one pass, at a small part of the time: 16 receivers make 120 pairs.

@@ -36,7 +36,7 @@ class Grid:
         >>> counts = {500: Counts(64, 4096, 4, 8, 2), 2000: Counts(64, 4096)}
         >>> place = "dimming", "led_luminance_cd_m2"
         >>> points = [Point(*place, at, "flda_3", "truth", counts[at], "frames") for at in counts]
-        >>> curves = Curves(points, {})
+        >>> curves = Curves(points)
         >>> grid = Grid("ambient_lx", (4000.0,), (curves,))
         >>> grid.ber("flda_3").tolist()
         [[0.00048828125, 0.0]]
@@ -180,7 +180,7 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
         >>> counts = {500: Counts(64, 4096, 400, 8000, 60), 2000: Counts(64, 4096)}
         >>> place = "dimming", "led_luminance_cd_m2"
         >>> points = [Point(*place, at, "flda_3", "truth", counts[at], "frames") for at in counts]
-        >>> [best] = best_luminance(Grid("ambient_lx", (4000.0,), (Curves(points, {}),)), "flda_3")
+        >>> [best] = best_luminance(Grid("ambient_lx", (4000.0,), (Curves(points),)), "flda_3")
         >>> best.least_cd_m2, best.candidates_cd_m2, best.reaches_highest
         ((2000.0,), (2000.0,), True)
     """

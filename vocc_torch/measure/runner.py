@@ -233,8 +233,8 @@ class Outcome:
             yield group, Outcome(errors, counts, self.stopped_by)
 
 
-Progress = Callable[[int, Tallies], object]
-"""Called for each block as it is added, with its frames and the sums so far."""
+Progress = Callable[["PointTask", int], object]
+"""Called for each block as it is added: its point, and its frames."""
 
 
 @dataclass(eq=False)
@@ -255,7 +255,7 @@ class PointTask:
     job: Job
     rule: Budget
     store: Store | None = None
-    progress: Progress = lambda frames, tallies: None
+    progress: Progress = lambda point, frames: None
     counts: dict[tuple[Key, int], Counts] = field(default_factory=dict, init=False)
     stopped_by: str = field(default="", init=False)
     exhausted: bool = field(default=False, init=False)
@@ -298,12 +298,13 @@ class PointTask:
                 self.counts[label] = counts + self.counts.get(label, 0)
             spent = "frames" if (blocks + 1) * BLOCK_FRAMES >= self.rule.frames else ""
             self.stopped_by = stop_reason(self.rule, self.counts, blocks + 1) or spent
-            self.progress(part.frames, self.counts)
+            self.progress(self, part.frames)
 
     @property
     def outcome(self) -> Outcome:
         """What was counted so far, of at least one block."""
-        return Outcome(FrameErrors.joined(self._added), self.counts, self.stopped_by)
+        errors = FrameErrors.joined(self._added)
+        return Outcome(errors, self.counts, self.stopped_by or "interrupted")
 
 
 def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:

@@ -2,20 +2,15 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Literal, TypeAlias
+from typing import Literal
 
 from vocc_torch.measure import curve, runner
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
-from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.trainings import Trained
 from vocc_torch.simulation import SceneModel
-
-Progress = Callable[[runner.Job, int, runner.Tallies], object]
-"""Called for each block as it is added: its job, its frames, and the sums so far."""
 
 Prepare = Callable[[runner.Job, Workers], runner.Job]
 """Changes the job of a point just before it is counted."""
@@ -43,7 +38,7 @@ def outcomes(
     jobs: Sequence[runner.Job],
     workers: Workers,
     store: Store | None = None,
-    progress: Progress = lambda job, frames, tallies: None,
+    progress: runner.Progress = lambda point, frames: None,
     prepare: Prepare = lambda job, workers: job,
 ) -> Iterator[runner.Outcome]:
     """Count jobs one after the other, each until the budget of its plan is spent.
@@ -67,16 +62,13 @@ def outcomes(
             # The frames of all bins.
             replace(job.plan.budget, frames=job.plan.frames_in_point),
             store,
-            partial(progress, job),
+            progress,
         )
         for job in jobs
     )
     batch_frames = max(job.plan.batch_frames for job in jobs)
     return runner.count(points, workers, batch_frames)
 
-
-Pairs: TypeAlias = dict[tuple[str, str, float], PairedCounts]
-"""Comparisons by the two receivers and the value."""
 
 Kind = Literal["train", "test"]
 
@@ -102,21 +94,6 @@ def scenes_of(plan: Plan, kind: Kind) -> dict[str, SceneModel]:
         point.point_name(value): point.model_at(plan.world, value)
         for point, value in points
     }
-
-
-def points_of(
-    plan: Plan, value: float, tallies: runner.Tallies, stopped_by: str
-) -> list[curve.Point]:
-    """Name the first training's sums by receiver and by axis value, or by the middle of their contrast bin."""
-    experiment = plan.experiment
-    found = []
-    for (key, group), counts in tallies.items():
-        if key.training == 0:
-            binned = experiment.axis == "contrast"
-            at = experiment.result_values[group] if binned else value
-            place = experiment.name, experiment.axis, at, key.receiver, key.locator
-            found.append(curve.Point(*place, counts, stopped_by))
-    return found
 
 
 def curves_at(
@@ -149,29 +126,21 @@ def curves_of(
         # One outcome holds the groups of all values.
         values, (binned,) = experiment.result_values, outcomes.values()
         outcomes = {values[group]: part for group, part in binned.by_group()}
-    names, points = tuple(receivers), list[curve.Point]()
-    pairs, trained_pairs = Pairs(), Pairs()
-
-    def named(errors: FrameErrors, at: float) -> Pairs:
-        places = errors.pairs.items()
-        return {(names[a], names[b], at): pair for (a, b), pair in places}
-
+    points, errors = list[curve.Point](), dict[float, list[FrameErrors]]()
     for at, outcome in outcomes.items():
-        errors, trainings = outcome.errors, []
-        for number in range(1 + max(key.training for key in errors.keys)):
+        trainings = []
+        for number in range(1 + max(key.training for key in outcome.errors.keys)):
             keys = [replace(key, training=number) for key in receivers.values()]
-            trainings.append(errors.of([errors.place(key) for key in keys]))
-        if outcome.comparable:
-            pairs |= named(trainings[0], at)
-        trained = dict[str, Trained]()
-        if len(trainings) > 1:
-            pooled = FrameErrors.pooled(trainings)
-            of_each = zip(*(errors.counts for errors in trainings), strict=True)
-            several = map(Trained, of_each, pooled.counts)
-            trained |= zip(names, several, strict=True)
-            trained_pairs |= named(pooled, at)
-        for name, key in receivers.items():
+            rows = list(map(outcome.errors.place, keys))
+            trainings.append(outcome.errors.of(rows))
+        pooled = FrameErrors.pooled(trainings).counts
+        each = zip(*(errors.counts for errors in trainings), strict=True)
+        of_all = map(Trained, each, pooled)
+        for (name, key), trained in zip(receivers.items(), of_all, strict=True):
             place = experiment.name, experiment.axis, at, name, key.locator
-            of = outcome.counts[key, 0], outcome.stopped_by, trained.get(name)
-            points.append(curve.Point(*place, *of))
-    return curve.Curves(points, pairs, trained_pairs)
+            several = trained if len(trainings) > 1 else None
+            counts = outcome.counts[key, 0]
+            points.append(curve.Point(*place, counts, outcome.stopped_by, several))
+        if outcome.comparable:
+            errors[at] = trainings
+    return curve.Curves(points, errors)

@@ -134,7 +134,7 @@ def dimming_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
         >>> counts = {500: Counts(64, 4096, 4, 8, 2), 2000: Counts(64, 4096)}
         >>> place = "dimming", "led_luminance_cd_m2"
         >>> points = [Point(*place, at, "flda_3", "truth", counts[at], "frames") for at in counts]
-        >>> grid = Grid("ambient_lx", (4000.0,), (Curves(points, {}),))
+        >>> grid = Grid("ambient_lx", (4000.0,), (Curves(points),))
         >>> [text.get_text() for text in dimming_figure(grid).axes[0].texts]
         ['4.9e-4', '< 7.1e-4']
     """

@@ -152,7 +152,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
     """
     lines: list[Cells] = [PAIRED_COLUMNS]
     for curves in all_curves:
-        for value in curves.values if curves.paired else ():
+        for value in curves.pairs:
             for a, b in combinations(curves.receivers, 2):
                 if (paired := curves.pair(a, b, value)).frames:
                     found = paired_interval(paired)

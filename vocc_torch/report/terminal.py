@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text as Text
 
 from vocc_torch.measure import train
-from vocc_torch.measure.curve import BerTable, Point
+from vocc_torch.measure.curve import BerTable
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import page
 from vocc_torch.report.folder import say
@@ -208,20 +208,20 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     say(console, *lines)
 
 
-def point_lines(points: Iterable[Point], *, rates: bool) -> Iterator[str]:
+def point_lines(table: BerTable, *, rates: bool) -> Iterator[str]:
     """Say for each value of an axis how many frames it got and why not more.
 
     Args:
-        points: of all receivers.
+        table: points of all receivers.
         rates: whether the receivers' bit error rates follow.
 
     Example:
         >>> from vocc_torch.measure.counts import Counts
+        >>> from vocc_torch.measure.curve import Point
         >>> point = Point("d", "distance_m", 50.0, "flda_3", "truth", Counts(64, 4096), "frames")
-        >>> list(point_lines([point], rates=False))
+        >>> list(point_lines(BerTable([point]), rates=False))
         ['distance_m=50: 64 frames, the whole budget']
     """
-    table = BerTable(points)
     for value in table.values:
         rows = [row for row in table if row.value == value]
         why = LOOKS["stopped"].get(rows[0].stopped_by, rows[0].stopped_by)

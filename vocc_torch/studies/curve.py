@@ -110,36 +110,33 @@ def count_curves(
     Raises:
         VoccError: no frame in any contrast bin.
     """
-    rows, jobs, places = plan.rows().values(), list[runner.Job](), {}
-    for row in rows:
-        for case in cases_of(row, [plan]):
-            jobs.append(job := run.job(case))
-            places[job.point] = row, case.value or 0.0
-    interim, curves = dict[str, list[curve.Point]](), list[curve.Curves]()
+    rows, locator = plan.rows().values(), plan.receiver.locator
+    jobs = [run.job(case) for row in rows for case in cases_of(row, [plan])]
+    begun, curves = dict[str, runner.PointTask](), list[curve.Curves]()
     with run.stage("bit error rates", plan.frames_in_point * len(jobs)) as advance:
 
-        def show(job: runner.Job, counted: int, tallies: runner.Tallies) -> None:
+        def show(point: runner.PointTask, counted: int) -> None:
+            begun[point.job.point] = point
             advance(counted)
-            row, at = places[job.point]
-            points = sweep.points_of(row, at, tallies, "interrupted")
-            interim[row.experiment.name] = points
 
         outcomes = sweep.outcomes(jobs, run.pool, run.store, show, **drawing)
         for row in rows:
-            found, points = dict[float, runner.Outcome](), list[curve.Point]()
+            found = dict[float, runner.Outcome]()
             try:
                 for at in row.experiment.simulated_values:
                     done = found[at] = next(outcomes)
-                    new = sweep.points_of(row, at, done.counts, done.stopped_by)
+                    points = sweep.curves_at(row, locator, {at: done})
                     rates = run.console.is_terminal
-                    run_folder.say(run.console, *terminal.point_lines(new, rates=rates))
-                    points += new
-                    interim.pop(row.experiment.name, None)
+                    lines = terminal.point_lines(points, rates=rates)
+                    run_folder.say(run.console, *lines)
             except KeyboardInterrupt:
-                points += interim.get(row.experiment.name, [])
-                keep_interrupted(curve.BerTable(points), table, run.console)
+                if at not in found and (name := row.experiment.point_name(at)) in begun:
+                    found[at] = begun[name].outcome
+                if found:
+                    so_far = sweep.curves_at(row, locator, found)
+                    keep_interrupted(so_far, table, run.console)
                 raise
-            curves.append(sweep.curves_at(row, row.receiver.locator, found))
+            curves.append(sweep.curves_at(row, locator, found))
             if not curves[-1].values:
                 fault = (
                     "no frame fell into any contrast bin: widen the bins or the scenes"
@@ -373,12 +370,12 @@ def compared(curves: curve.Curves, reference: str) -> list[str]:
         reference: a receiver; nothing is said if it is not in the experiment, or alone.
 
     Example:
-        >>> compared(curve.Curves([], {}), "flda_3")
+        >>> compared(curve.Curves([]), "flda_3")
         []
     """
     lines = []
     others = [name for name in curves.receivers if name != reference]
-    for name in others if reference in curves.receivers and curves.paired else ():
+    for name in others if reference in curves.receivers and curves.pairs else ():
         places: dict[str, list[str]] = {"more errors": [], "fewer errors": []}
         for value in curves.values:
             found = curves.difference(name, reference, value)

@@ -118,7 +118,7 @@ class Run:
         with self.stage(name, frames) as advance:
             return list(
                 sweep.outcomes(
-                    jobs, self.pool, self.store, lambda _, done, __: advance(done)
+                    jobs, self.pool, self.store, lambda _, done: advance(done)
                 )
             )
 

@@ -1,7 +1,7 @@
 """Made-up experiments with known rates."""
 
 import numpy as np
-from made_up_tallies import tallies
+from made_up_tallies import errors_of, tallies
 
 from vocc_torch.measure.curve import Curves, Point
 from vocc_torch.measure.estimate import Estimate
@@ -35,18 +35,16 @@ def counted(wrong):
 
 def curves_of(experiment, wrong):
     """Curves from each receiver's wrong bits a frame, ``{value: {receiver: (N,)}}``."""
-    receivers, points, paired = tuple(next(iter(wrong.values()))), [], {}
+    receivers, points, errors = tuple(next(iter(wrong.values()))), [], {}
     axis = AXES.get(experiment, experiment)
     for value, at in wrong.items():
-        found, pairs = counted([at[name] for name in receivers])
+        halves = 2 * np.array([at[name] for name in receivers], dtype=np.int64)
+        errors[value] = [errors_of(halves, BITS)]
         points += [
             Point(experiment, axis, value, name, "paper", one, "frames")
-            for name, one in zip(receivers, found, strict=True)
+            for name, one in zip(receivers, errors[value][0].counts, strict=True)
         ]
-        paired |= {
-            (receivers[i], receivers[j], value): one for (i, j), one in pairs.items()
-        }
-    return Curves(points, paired)
+    return Curves(points, errors)
 
 
 def of_rates(experiment="ambient", frames=2000, numbers=None, **rates):
