@@ -70,12 +70,13 @@ class World:
 
     def simulator(self) -> Simulator:
         """Build the simulator of this world."""
-        scenery, device = (
-            (self.camera, self.panel, self.effects),
-            resolve_device(self.device),
-        )
         return Simulator(
-            *scenery, framing=self.framing, device=device, dtype=self.dtype
+            self.camera,
+            self.panel,
+            self.effects,
+            framing=self.framing,
+            device=resolve_device(self.device),
+            dtype=self.dtype,
         )
 
 

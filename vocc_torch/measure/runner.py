@@ -217,21 +217,6 @@ class Outcome:
     counts: Tallies
     stopped_by: str
 
-    @property
-    def comparable(self) -> bool:
-        """Whether frames weigh alike, so that receivers are compared frame by frame."""
-        return all(type(counts) is Counts for counts in self.counts.values())
-
-    def by_group(self) -> Iterator[tuple[int, "Outcome"]]:
-        """Return the outcome of each group of frames."""
-        for group, errors in self.errors.by_group():
-            counts = {
-                (key, 0): counts
-                for (key, counted_group), counts in self.counts.items()
-                if counted_group == group
-            }
-            yield group, Outcome(errors, counts, self.stopped_by)
-
 
 Progress = Callable[["PointTask", int], object]
 """Called for each block as it is added: its point, and its frames."""

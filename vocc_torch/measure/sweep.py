@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Literal
 
 from vocc_torch.measure import curve, runner
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.plan import Experiment, Locator, Plan
@@ -122,25 +123,26 @@ def curves_of(
         receivers: whose errors they are after the first training, by name, in the order of the results.
         outcomes: by the value that was simulated, ascending.
     """
-    if experiment.axis == "contrast":
-        # One outcome holds the groups of all values.
-        values, (binned,) = experiment.result_values, outcomes.values()
-        outcomes = {values[group]: part for group, part in binned.by_group()}
-    points, errors = list[curve.Point](), dict[float, list[FrameErrors]]()
-    for at, outcome in outcomes.items():
-        trainings = []
-        for number in range(1 + max(key.training for key in outcome.errors.keys)):
-            keys = [replace(key, training=number) for key in receivers.values()]
-            rows = list(map(outcome.errors.place, keys))
-            trainings.append(outcome.errors.of(rows))
-        pooled = FrameErrors.pooled(trainings).counts
-        each = zip(*(errors.counts for errors in trainings), strict=True)
-        of_all = map(Trained, each, pooled)
-        for (name, key), trained in zip(receivers.items(), of_all, strict=True):
-            place = experiment.name, experiment.axis, at, name, key.locator
-            several = trained if len(trainings) > 1 else None
-            counts = outcome.counts[key, 0]
-            points.append(curve.Point(*place, counts, outcome.stopped_by, several))
-        if outcome.comparable:
-            errors[at] = trainings
-    return curve.Curves(points, errors)
+    points, compared = list[curve.Point](), dict[float, list[FrameErrors]]()
+    for value, outcome in outcomes.items():
+        several = range(1 + max(key.training for key in outcome.errors.keys))
+        weigh_alike = all(type(counts) is Counts for counts in outcome.counts.values())
+        for group, errors in outcome.errors.by_group():
+            is_bin = experiment.axis == "contrast"
+            at = experiment.result_values[group] if is_bin else value
+            trainings = []
+            for number in several:
+                keys = [replace(key, training=number) for key in receivers.values()]
+                trainings.append(errors.of(list(map(errors.place, keys))))
+            pooled = FrameErrors.pooled(trainings).counts
+            each = zip(*(training.counts for training in trainings), strict=True)
+            of_all = map(Trained, each, pooled)
+            for (name, key), trained in zip(receivers.items(), of_all, strict=True):
+                place = experiment.name, experiment.axis, at, name, key.locator
+                counted = outcome.counts[key, group], outcome.stopped_by
+                points.append(
+                    curve.Point(*place, *counted, trained if len(several) > 1 else None)
+                )
+            if weigh_alike:
+                compared[at] = trainings
+    return curve.Curves(points, compared)
