@@ -8,7 +8,6 @@ from scipy.spatial import ConvexHull
 from skimage.measure import block_reduce
 
 from vocc_torch.receiver.components import (
-    Stretches,
     close_mask,
     collect_blobs,
     halve_mask,
@@ -56,21 +55,11 @@ def opencv_blobs(mask, size):
 
 def as_opencv(blobs):
     found = []
-    for i in range(len(blobs)):
-        left = blobs.left_px[i].item()
-        height = int((blobs.first[i] <= blobs.last[i]).nonzero().max()) + 1
-        rows = zip(
-            blobs.first[i, :height].tolist(),
-            blobs.last[i, :height].tolist(),
-            strict=True,
-        )
-        extremes = [(a + left, b + left) if a <= b else None for a, b in rows]
-        whole = (
-            blobs.area_px[i].item(),
-            blobs.mask_px[i].item(),
-            tuple(blobs.first_px[i].tolist()),
-        )
-        found.append((*whole, left, extremes))
+    for blob in blobs:
+        ends = zip(blob.first.tolist(), blob.last.tolist(), strict=True)
+        left = blob.left_px
+        extremes = [(a + left, b + left) if a <= b else None for a, b in ends]
+        found.append((blob.area_px, blob.mask_px, blob.first_px, left, extremes))
     return sorted(found, key=lambda blob: blob[2][::-1])
 
 
@@ -80,7 +69,7 @@ def as_opencv(blobs):
 def test_blobs_equal_opencvs(closing, share):
     for mask in torch.from_numpy(random_masks(closing, share=share)):
         labels = label_components(close_mask(mask[None, None], closing)[0, 0])
-        blobs = collect_blobs(Stretches.of(mask, labels), labels)
+        blobs = collect_blobs(mask, labels)
         assert as_opencv(blobs) == opencv_blobs(mask.numpy(), closing)
 
 

@@ -3,8 +3,7 @@
 Components are SciPy's; the closing is Kornia's (Serra 1983).
 """
 
-from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -100,118 +99,82 @@ def label_components(mask: Tensor) -> Tensor:
     return torch.from_numpy(labels).long()
 
 
-class Stretches(NamedTuple):
-    """Foreground of a mask in raster order, parted by row and component; every field is (S,) int64.
+def row_ends(mask: Tensor) -> tuple[Tensor, Tensor]:
+    """Find the first and the last foreground column of each row, (...,H,W) to (...,H) int16.
 
-    Args:
-        row: row of the stretch.
-        start: column of its first foreground pixel.
-        end: column of its last foreground pixel.
-        pixels: number of foreground pixels; there may be gaps between them.
+    In rows without foreground the first one is greater than the last.
+
+    Example:
+        >>> first, last = row_ends(torch.tensor([[0, 1, 0, 1, 0], [0, 0, 0, 0, 0]]).bool())
+        >>> first.tolist(), last.tolist()
+        ([1, 5], [3, -1])
     """
-
-    row: Tensor
-    start: Tensor
-    end: Tensor
-    pixels: Tensor
-
-    @classmethod
-    def of(cls, mask: Tensor, labels: Tensor) -> Self:
-        """Part a mask (H,W) bool by the components (H,W) of a closing of it.
-
-        Each stretch lies in one component of the closing, and of any coarser closing.
-
-        Example:
-            >>> mask = torch.tensor([[0, 1, 0, 1, 0]], dtype=torch.bool)
-            >>> Stretches.of(mask, torch.ones_like(mask).long()).pixels.tolist()
-            [2]
-        """
-        row, column = mask.nonzero().unbind(1)
-        part = row * (labels.amax() + 1) + labels[row, column]
-        count = torch.unique_consecutive(part, return_counts=True)[1]
-        last = count.cumsum(0) - 1
-        return cls(row[last], column[last - count + 1], column[last], count)
+    columns = torch.arange(mask.shape[-1], dtype=torch.int16, device=mask.device)
+    first = torch.where(mask, columns, mask.shape[-1]).amin(-1)
+    return first, torch.where(mask, columns, -1).amax(-1)
 
 
-@dataclass(frozen=True, slots=True)
-class Blobs:
-    """All blobs of a mask as one list, by label.
+class Blob(NamedTuple):
+    """One blob of a mask.
 
     Args:
-        label: (M,) int64, the blob's value in the labels.
-        first_px: (M,2) int64, column and row of the first mask pixel in raster order.
-        left_px: (M,) int64, leftmost column with a mask pixel.
-        area_px: (M,) int64, area of the closed blob, px^2.
-        mask_px: (M,) int64, number of mask pixels.
-        first: (M,H) int16, leftmost mask column of each row, rows counted from the blob's first, columns from
+        label: its value in the labels.
+        first_px: column and row of its first mask pixel in raster order.
+        left_px: leftmost column with a mask pixel.
+        area_px: area of the closed blob, px^2.
+        mask_px: number of mask pixels.
+        first: (H,) int16, leftmost mask column of each row, rows counted from the blob's first, columns from
             ``left_px``.
-        last: (M,H) int16, rightmost mask column, less than ``first`` in rows without a mask pixel.
+        last: (H,) int16, rightmost mask column, less than ``first`` in rows without a mask pixel.
     """
 
-    label: Tensor
-    first_px: Tensor
-    left_px: Tensor
-    area_px: Tensor
-    mask_px: Tensor
+    label: int
+    first_px: tuple[int, int]
+    left_px: int
+    area_px: int
+    mask_px: int
     first: Tensor
     last: Tensor
 
-    def __len__(self) -> int:
-        """Count the blobs."""
-        return int(self.label.shape[0])
-
 
 def collect_blobs(
-    stretches: Stretches, labels: Tensor, *, min_area_px: int = 1, level: int = 0
-) -> Blobs:
-    """List the components of a closed mask.
+    mask: Tensor, labels: Tensor, *, min_area_px: int = 1, level: int = 0
+) -> list[Blob]:
+    """List the components of a closed mask, at most ``MOST_BLOBS`` (the largest).
 
     Args:
-        stretches: the foreground before closing.
+        mask: (H,W) bool, the foreground before closing.
         labels: of the closed mask, in cells of 2^level x 2^level px.
         min_area_px: components whose closed area is less are left out, px^2.
         level: binary logarithm of the cells' side.
 
-    Returns:
-        The blobs, at most ``MOST_BLOBS`` (the largest).
-
     Example:
         >>> mask = torch.tensor([[1, 0, 1, 0, 0, 1]], dtype=torch.bool)
         >>> labels = torch.tensor([[1, 1, 1, 0, 0, 2]])
-        >>> blobs = collect_blobs(Stretches.of(mask, labels), labels, min_area_px=2)
-        >>> blobs.area_px.tolist(), blobs.mask_px.tolist(), blobs.last.tolist()
-        ([3], [2], [[2]])
+        >>> (blob,) = collect_blobs(mask, labels, min_area_px=2)
+        >>> blob.area_px, blob.mask_px, blob.last.tolist()
+        (3, 2, [2])
     """
+    # Loaded here because most masks are a single blob.
+    from scipy.ndimage import find_objects
+
     closed_px = labels.flatten().bincount() << (2 * level)
     closed_px[0] = 0
     largest = closed_px.argsort(descending=True, stable=True)[:MOST_BLOBS]
-    label = largest[closed_px[largest] >= min_area_px].sort().values
-    number = torch.full_like(closed_px, -1)
-    number[label] = torch.arange(len(label))
-    blob = number[labels[stretches.row >> level, stretches.start >> level]]
-    row, start, end, pixels = (part[blob >= 0] for part in stretches)
-    blob = blob[blob >= 0]
-    zeros = torch.zeros_like(label)
-
-    def least(values: Tensor) -> Tensor:
-        return zeros.scatter_reduce(0, blob, values, "amin", include_self=False)
-
-    begin, left = least(torch.arange(len(blob))), least(start)
-    # First and last mask column of each row, counted from the blob's own top and left.
-    down = row - row[begin][blob]
-    height = int(down.max()) + 1 if len(down) else 1
-    cell = blob * height + down
-    first = torch.zeros(len(label) * height, dtype=torch.int16)
-    last = first - 1
-    for ends, side, extreme in ((first, start, "amin"), (last, end, "amax")):
-        column = (side - left[blob]).to(torch.int16)
-        ends.scatter_reduce_(0, cell, column, extreme, include_self=False)
-    return Blobs(
-        label,
-        torch.stack([start[begin], row[begin]], 1),
-        left,
-        closed_px[label],
-        zeros.scatter_add(0, blob, pixels),
-        first.view(-1, height),
-        last.view(-1, height),
-    )
+    chosen = largest[closed_px[largest] >= min_area_px].sort().values
+    boxes, blobs = find_objects(labels.numpy()), []
+    for label in chosen.tolist():
+        rows, columns = boxes[label - 1]
+        lit = labels[rows, columns] == label
+        for axis in (0, 1) if level else ():
+            lit = lit.repeat_interleave(1 << level, axis)
+        top, left = rows.start << level, columns.start << level
+        part = mask[top:, left:][: len(lit), : lit.shape[1]]
+        lit = lit[: len(part), : part.shape[1]] & part
+        row, column = lit.nonzero().unbind(1)
+        upper, leftmost = int(row[0]), int(column.min())
+        first, last = row_ends(lit[upper : int(row[-1]) + 1, leftmost:])
+        first_px = left + int(column[0]), top + upper
+        sizes = int(closed_px[label]), len(row)
+        blobs.append(Blob(label, first_px, left + leftmost, *sizes, first, last))
+    return blobs

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.nn.utils.rnn import pad_sequence
 
 from vocc_torch.errors import VoccError, demand_kind
 from vocc_torch.receiver import components, foreground
@@ -348,33 +349,40 @@ def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Panels:
         [2]
     """
     panel, foreground = no_panels(1, mask.device), int(mask.sum())
-    first_px, mask_px, score, peak = [0, 0], 0, 0.0, 0.0
-    coarse, level, stretches = mask[None, None], 0, None
+    first_px, mask_px, score, peak = (0, 0), 0, 0.0, 0.0
+    coarse, level = mask[None, None], 0
     while True:
         labels = components.label_components(
             components.close_mask(coarse, search.closing_px)[0, 0]
         )
-        stretches = stretches or components.Stretches.of(mask, labels)
         blobs = components.collect_blobs(
-            stretches, labels, min_area_px=search.min_area_px, level=level
+            mask, labels, min_area_px=search.min_area_px, level=level
         )
         pitch = 0.0
-        if len(blobs):
-            place_px = torch.stack([blobs.left_px, blobs.first_px[:, 1]], 1)
+        if blobs:
+            area_px = torch.tensor([blob.area_px for blob in blobs])
+            place_px = torch.tensor(
+                [[blob.left_px, blob.first_px[1]] for blob in blobs]
+            )
             measures = measure_blobs(
-                blobs.first, blobs.last, blobs.area_px, place_px, shape, search
+                pad_sequence([blob.first for blob in blobs], batch_first=True),
+                pad_sequence([blob.last for blob in blobs], True, -1),
+                area_px,
+                place_px,
+                shape,
+                search,
             )
             pitch = float(measures.pitch_px[_best(measures.score)])
             best = _best(measures.score.where(measures.within, 0.0))
             now = float(measures.score[best]) * bool(measures.within[best])
-            now_px = int(blobs.mask_px[best])
+            now_px = blobs[best].mask_px
             x, y = (place >> level for place in first_px)
-            holds = mask_px > 0 and bool(labels[y, x] == blobs.label[best])
+            holds = mask_px > 0 and int(labels[y, x]) == blobs[best].label
             # A blob that holds the chosen one and more may score a little less; the same blob may not.
             bar = LADDER.merge_ratio * peak if now_px > mask_px else score
             if now > 0 and (now >= bar if holds else now > score):
                 peak = max(peak, now) if holds else now
-                first_px, mask_px = blobs.first_px[best].tolist(), now_px
+                first_px, mask_px = blobs[best].first_px, now_px
                 score, found = now, measures.score[best, None]
                 count = measures.within.sum()[None]
                 panel = Panels(measures.corners_px[best, None], found > 0, found, count)
@@ -448,9 +456,7 @@ def choose_single(
         ([True], [50.0, 20.0])
     """
     closed = components.close_mask(mask[:, None], search.closing_px)[:, 0]
-    columns = torch.arange(mask.shape[2], dtype=torch.int16, device=mask.device)
-    first = torch.where(mask, columns, mask.shape[2]).amin(2)
-    last = torch.where(mask, columns, -1).amax(2)
+    first, last = components.row_ends(mask)
     area_px = closed.sum((1, 2))
     corners_px, within, score, pitch_px = measure_blobs(
         first, last, area_px, place_px, shape, search, at_once=not mask.is_cpu
