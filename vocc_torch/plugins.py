@@ -9,7 +9,7 @@ import pkgutil
 import shutil
 import sys
 import tempfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from modulefinder import ModuleFinder
@@ -309,24 +309,21 @@ class PlugIn:
         target, arguments = str(settings[TARGET]), dict(settings["arguments"])
         demand_plain(f"{key}.arguments", arguments)
         path, colon, word = target.rpartition(":")
-        file = next(
-            (name for name in admitted if colon and Path(name).name == Path(path).name),
-            None,
-        )
-        if file is None and target not in shipped:
-            package = target.partition(".")[0]
-            if package == __package__:
+        needed = Path(path).name if colon else target.partition(".")[0]
+        if target not in shipped:
+            if needed == __package__:
                 raise VoccError(
                     f"{key} comes from {shown(target)}, which is no part of a receiver"
                 )
-            if colon or package not in admitted:
-                needed = Path(path).name if colon else package
+            paths = {
+                Path(name).name if colon else name: name for name in admitted[::-1]
+            }
+            if needed not in paths:
                 raise VoccError(
                     f"{key} comes from {shown(target)}: add plug_ins=[{needed}] to run its code"
                 )
-        plug_in = cls(
-            key, settings["name"], f"{file}:{word}" if colon else target, arguments
-        )
+            target = f"{paths[needed]}:{word}" if colon else target
+        plug_in = cls(key, settings["name"], target, arguments)
         if plug_in.maker != settings["maker"]:
             raise VoccError(
                 f"{key}: {target} has other source than the model was made with: train it again"
@@ -364,14 +361,20 @@ class PlugIn:
         Raises:
             VoccError: there is none of that name, or its module cannot be imported.
         """
-        try:
+        with self._refusing("imported"):
             return named(self.target)
+
+    @contextmanager
+    def _refusing(self, how: str, reason: Callable[[], str] = str) -> Iterator[None]:
+        """Say in one line what cannot be done with the target, and the reason or else the error's own words."""
+        try:
+            yield
         except VoccError as error:
             raise VoccError(f"{self.key}: {error}") from error
         except (Exception, SystemExit) as error:
-            reason = " ".join(str(error.__cause__ or error).split())
+            why = reason() or " ".join(str(error.__cause__ or error).split())
             raise VoccError(
-                f"{self.key}: {self.target} cannot be imported ({reason})"
+                f"{self.key}: {self.target} cannot be {how} ({why})"
             ) from error
 
     @functools.cached_property
@@ -396,23 +399,8 @@ class PlugIn:
             raise VoccError(
                 f"{self.key}: {self.target} is neither a class nor a function"
             )
-        try:
+        with self._refusing("built", lambda: _untaken(kind, arguments)):
             return kind(**assembled(arguments))
-        except VoccError as error:
-            raise VoccError(f"{self.key}: {error}") from error
-        except (Exception, SystemExit) as error:
-            reason = " ".join(str(error.__cause__ or error).split())
-            # Of classes that cannot be looked into.
-            with suppress(TypeError, ValueError):
-                taken = inspect.signature(kind).parameters
-                strays = [name for name in arguments if name not in taken]
-                if strays and not any(
-                    one.kind == one.VAR_KEYWORD for one in taken.values()
-                ):
-                    reason = f"it takes no {strays[0]}, but {', '.join(taken)}"
-            raise VoccError(
-                f"{self.key}: {self.target} cannot be built ({reason})"
-            ) from error
 
     @property
     def packages(self) -> set[str]:
@@ -445,16 +433,26 @@ class PlugIn:
     @property
     def files(self) -> dict[str, str]:
         """Digests of the files that its arguments name, by argument."""
-        texts = {
-            key: one for key, one in self.arguments.items() if isinstance(one, str)
-        }
         return {
-            key: file_digest(one) for key, one in texts.items() if Path(one).is_file()
+            key: file_digest(value)
+            for key, value in self.arguments.items()
+            if isinstance(value, str) and Path(value).is_file()
         }
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the settings alone: another process builds its own."""
         return type(self), (self.key, self.name, self.target, dict(self.arguments))
+
+
+def _untaken(kind: Callable[..., object], arguments: Mapping[str, object]) -> str:
+    """Say which argument a class does not take, and which it takes; empty where none is known to be wrong."""
+    # Of classes that cannot be looked into.
+    with suppress(TypeError, ValueError):
+        taken = inspect.signature(kind).parameters
+        strays = [name for name in arguments if name not in taken]
+        if strays and not any(one.kind == one.VAR_KEYWORD for one in taken.values()):
+            return f"it takes no {strays[0]}, but {', '.join(taken)}"
+    return ""
 
 
 def package_maker(name: str) -> str:

@@ -465,33 +465,23 @@ class Candidates(Batched):
             >>> frame.tolist(), panels.found.tolist()
             ([0, 1], [False, True])
         """
-        rows: list[tuple[int, int]] = []
         sure, whose = ~(self.false_alarms > most_false_alarms), self.frame.tolist()
-        told = sure.tolist()
+        told, pairs = sure.tolist(), list[tuple[int, int]]()
         for number in range(frames):
             seen = [row for row, frame in enumerate(whose) if frame == number]
-            rows += [
-                (number, row)
-                for row in [row for row in seen if told[row]][:most] or seen[:1] or [-1]
-            ]
-        pairs = torch.tensor(rows, dtype=torch.int64, device=self.frame.device).view(
-            -1, 2
-        )
-        frame, row = pairs.unbind(1)
-        unseen = math.nan if math.isnan(most_false_alarms) else math.inf
-        nothing = Candidates(
-            self.frame.new_zeros(1),
-            self.corners_px.new_zeros(1, 4, 2),
-            self.score.new_zeros(1),
-            self.false_alarms.new_full((1,), unseen),
-        )
+            chosen = [row for row in seen if told[row]][:most] or seen[:1] or [-1]
+            pairs += [(number, row) for row in chosen]
+        frame, row = self.frame.new_tensor(pairs).view(-1, 2).unbind(1)
         # The last row stands for nothing seen.
+        nothing = self.each(lambda column: column.new_zeros(1, *column.shape[1:]))
         best = Candidates.cat([self, nothing])[row]
-        found = ~(best.false_alarms > most_false_alarms) & (row >= 0)
+        unseen = math.nan if math.isnan(most_false_alarms) else math.inf
+        alarms = torch.where(row < 0, unseen, best.false_alarms)
+        found = ~(alarms > most_false_alarms) & (row >= 0)
         count = torch.bincount(self.frame[sure], minlength=frames)[frame]
         corners = best.corners_px * found[:, None, None]
         score = best.score * found
-        return frame, StatedPanels(corners, found, score, count, best.false_alarms)
+        return frame, StatedPanels(corners, found, score, count, alarms)
 
 
 def resolve_device(name: str) -> torch.device:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, demand_kind
+from vocc_torch.errors import VoccError, demand_kind, demand_word
 from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.features import (
@@ -61,10 +61,7 @@ class FldaDecider:
 
     def __post_init__(self) -> None:
         """Check the name and the number of features."""
-        if self.name not in tuple(FLDA_FEATURES):
-            raise VoccError.of(
-                "receiver name", repr(self.name), f"one of {', '.join(FLDA_FEATURES)}"
-            )
+        demand_word("receiver name", self.name, FLDA_FEATURES)
         if self.classifier.n_features != len(self.features):
             count = self.classifier.n_features
             raise VoccError(

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor, nn
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, demand_word
 from vocc_torch.types import PanelShape, is_exporting
 
 FEATURE_NAMES = ("agr", "gri", "ngr")
@@ -171,10 +171,7 @@ def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
             else torch.split(patches, _CONVOLVED_FRAMES)
         )
         return torch.cat([spatial_gradient(part, mode="sobel")[:, 0] for part in parts])
-    if kernel != "central":
-        raise VoccError.of(
-            "receiver.gradient", repr(kernel), f"one of {', '.join(get_args(Gradient))}"
-        )
+    demand_word("receiver.gradient", kernel, get_args(Gradient))
     padded = nn.functional.pad(patches, (1, 1, 1, 1), mode="replicate")
     dx = padded[..., 1:-1, 2:] - padded[..., 1:-1, :-2]
     dy = padded[..., 2:, 1:-1] - padded[..., :-2, 1:-1]

@@ -4,11 +4,11 @@ import contextlib
 import copy
 import hashlib
 import inspect
-import io
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -95,27 +95,18 @@ class Checkpoint:
         recipe: TrainingRecipe,
         data: Sequence[Tensor],
     ) -> None:
-        settings, place = replace(recipe, checkpoints=None), data[0].device.type
-        digest = hashlib.sha256(
-            f"{module!r} {settings!r} {place} {torch.__version__}".encode()
-        )
-        digest.update(package_digest("vocc_torch").encode())
+        sources = []
         for kind in dict.fromkeys(type(part) for part in module.modules()):
-            source = ""
+            sources.append(f"{kind.__module__}.{kind.__qualname__}")
             with contextlib.suppress(OSError, TypeError, UnicodeDecodeError):
-                source = Path(inspect.getfile(kind)).read_text(encoding="utf-8")
-            digest.update(f"{kind.__module__}.{kind.__qualname__} {source}".encode())
+                sources.append(Path(inspect.getfile(kind)).read_text(encoding="utf-8"))
+        settings = replace(recipe, checkpoints=None), data[0].device.type
+        code = torch.__version__, package_digest("vocc_torch"), *sources
+        digest = hashlib.sha256(repr((module, settings, code)).encode())
         for tensor in [*module.state_dict().values(), *data]:
-            digest.update(str((tensor.shape, tensor.dtype)).encode())
-            digest.update(
-                tensor.detach()
-                .cpu()
-                .contiguous()
-                .reshape(-1)
-                .view(torch.uint8)
-                .numpy()
-                .data
-            )
+            values = tensor.detach().cpu().contiguous().reshape(-1).view(torch.uint8)
+            digest.update(repr((tensor.shape, tensor.dtype)).encode())
+            digest.update(values.numpy().data)
         self.path = (
             Path(folder) / f"{type(module).__name__}-{digest.hexdigest()[:16]}.pt"
         )
@@ -128,20 +119,20 @@ class Checkpoint:
         """
         if not self.path.exists():
             return None
-        reason = "its checksum does not fit"
         try:
             content = read_file(self.path)
-            packed = content[_CHECKSUM_BYTES:]
-            if content[:_CHECKSUM_BYTES] == self._checksum(packed):
-                # The states of an optimizer and of a schedule have no narrower type.
-                state: dict[str, Any]
-                state = torch.load(
-                    io.BytesIO(packed), map_location=device, weights_only=True
-                )
-                return state
+            packed = BytesIO(content[_CHECKSUM_BYTES:])
+            if content != self._with_checksum(packed.getvalue()):
+                raise ValueError
+            # The states of an optimizer and of a schedule have no narrower type.
+            state: dict[str, Any]
+            state = torch.load(packed, map_location=device, weights_only=True)
         except Exception as error:
             reason = f"{type(error).__name__}: it cannot be read"
-        raise VoccError(f"checkpoint {self.path} is damaged ({reason}): delete it")
+            raise VoccError(
+                f"checkpoint {self.path} is damaged ({reason}): delete it"
+            ) from error
+        return state
 
     def save(self, state: dict[str, Any]) -> None:
         """Write how far it came, whole or not at all.
@@ -149,15 +140,13 @@ class Checkpoint:
         Raises:
             VoccError: the file cannot be written.
         """
-        buffer = io.BytesIO()
+        buffer = BytesIO()
         torch.save(state, buffer)
-        write_atomically(
-            self.path, self._checksum(buffer.getvalue()) + buffer.getvalue()
-        )
+        write_atomically(self.path, self._with_checksum(buffer.getvalue()))
 
-    def _checksum(self, kept: bytes) -> bytes:
-        """Hash the file's name and the state."""
-        return hashlib.sha256(self.path.name.encode() + kept).digest()
+    def _with_checksum(self, kept: bytes) -> bytes:
+        """Put the hash of the file's name and the state before the state."""
+        return hashlib.sha256(self.path.name.encode() + kept).digest() + kept
 
 
 def train_module(
@@ -184,12 +173,9 @@ def train_module(
     """
     rows, target, held_out, held_target = panels
     on_cuda = rows.device.type == "cuda"
-    rate, steps = (
-        recipe.learning_rate,
-        recipe.epochs * -(-len(rows) // recipe.batch_leds),
-    )
+    steps = recipe.epochs * -(-len(rows) // recipe.batch_leds)
     optimizer = torch.optim.AdamW(
-        module.parameters(), lr=rate, weight_decay=recipe.weight_decay
+        module.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay
     )
     schedule = torch.optim.lr_scheduler.LambdaLR(
         optimizer, lambda step: 0.5 * (1 + math.cos(math.pi * min(1.0, step / steps)))
@@ -204,39 +190,30 @@ def train_module(
     earlier_s = 0.0
     if checkpoint is not None and (state := checkpoint.load(rows.device)) is not None:
         for name, part in parts.items():
-            part.load_state_dict(state["parts"][name])
-        best, since, losses, earlier_s = (
-            state[key] for key in ("best", "since", "losses", "seconds")
-        )
-        torch.set_rng_state(state["draws"][0].cpu())
+            part.load_state_dict(state[name])
+        best, since, losses, earlier_s, draws = state["progress"]
+        torch.set_rng_state(draws[0].cpu())
         if on_cuda:
-            torch.cuda.set_rng_state(state["draws"][1].cpu())
+            torch.cuda.set_rng_state(draws[1].cpu())
+    cost = nn.functional.binary_cross_entropy_with_logits
     while len(losses) < recipe.epochs and since < recipe.patience:
         module.train()
         # In the order of torch's generator on the host.
         for chosen in torch.split(
             torch.randperm(len(rows)).to(rows.device), recipe.batch_leds
         ):
-            loss = nn.functional.binary_cross_entropy_with_logits(
-                score(rows[chosen]), target[chosen]
-            )
+            loss = cost(score(rows[chosen]), target[chosen])
             optimizer.zero_grad()
             torch.autograd.backward(loss)
             optimizer.step()
             schedule.step()
         module.eval()
         pairs = zip(
-            torch.split(held_out, 1 << 16),
-            torch.split(held_target, 1 << 16),
+            *(torch.split(part, 1 << 16) for part in (held_out, held_target)),
             strict=True,
         )
         with torch.inference_mode():
-            sums = [
-                nn.functional.binary_cross_entropy_with_logits(
-                    score(part), target, reduction="sum"
-                )
-                for part, target in pairs
-            ]
+            sums = [cost(score(part), bits, reduction="sum") for part, bits in pairs]
         losses.append(float(torch.stack(sums).sum()) / len(held_out))
         if not math.isfinite(losses[-1]):
             raise VoccError(
@@ -246,24 +223,13 @@ def train_module(
         if losses[-1] < min(losses[:-1], default=math.inf):
             best, since = copy.deepcopy(module.state_dict()), 0
         if checkpoint is not None:
-            draws = [
-                torch.get_rng_state(),
-                *([torch.cuda.get_rng_state(rows.device)] if on_cuda else []),
-            ]
+            draws = [torch.get_rng_state()]
+            if on_cuda:
+                draws.append(torch.cuda.get_rng_state(rows.device))
             seconds = earlier_s + time.perf_counter() - begun
-            written = {
-                "best": best,
-                "since": since,
-                "losses": losses,
-                "seconds": seconds,
-                "draws": draws,
-            }
-            checkpoint.save(
-                {
-                    **written,
-                    "parts": {name: part.state_dict() for name, part in parts.items()},
-                }
-            )
+            states = {name: part.state_dict() for name, part in parts.items()}
+            progress = best, since, losses, seconds, draws
+            checkpoint.save({**states, "progress": progress})
     module.load_state_dict(best)
     return losses, earlier_s
 
