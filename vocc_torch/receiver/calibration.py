@@ -65,14 +65,9 @@ class Calibration:
     @classmethod
     def of(cls, scores: Tensor, bits: Tensor) -> Self:
         """Learn from scores and the bits that were sent, (B,...) of B frames."""
-        frame = (
-            np.arange(len(scores)).repeat(scores[0].numel())
-            if len(scores)
-            else np.arange(0)
-        )
+        frame = np.indices(scores.shape)[0].flatten()
         values, sent = (
-            scores.flatten().cpu().double().numpy(),
-            bits.flatten().cpu().numpy(),
+            part.flatten().cpu().numpy() for part in (scores.double(), bits)
         )
         on = values >= 0
         return cls(
@@ -198,12 +193,9 @@ def ranges_of(seen: Tensor) -> Ranges:
 
     They reach a twentieth further at either end: the scenes' own ends are hardly ever drawn.
     """
-    low, high = seen.amin(dim=0), seen.amax(dim=0)
-    ends = zip(
-        (low - (high - low) / 20).tolist(),
-        (high + (high - low) / 20).tolist(),
-        strict=True,
-    )
+    low, high = seen.aminmax(dim=0)
+    further = (high - low) / 20
+    ends = zip((low - further).tolist(), (high + further).tolist(), strict=True)
     return dict(zip(APPEARANCE, ends, strict=True))
 
 

@@ -61,7 +61,7 @@ class FldaDecider:
 
     def __post_init__(self) -> None:
         """Check the name and the number of features."""
-        demand_word("receiver name", self.name, FLDA_FEATURES)
+        demand_word("receiver name", self.name, (*FLDA_FEATURES,))
         if self.classifier.n_features != len(self.features):
             count = self.classifier.n_features
             raise VoccError(

@@ -107,8 +107,7 @@ class FLDA(torch.nn.Module):
             VoccError: wrong shape or kind, a value that is not finite, or one class missing; then nothing is
                 forgotten.
         """
-        with torch.inference_mode(False), torch.no_grad():
-            scatter = ClassScatter.of(features, bits, self.n_features).checked()
+        scatter = ClassScatter.of(features, bits, self.n_features).checked()
         scatter.demand_both()
         self._store(scatter)
         self._solved()
@@ -120,9 +119,8 @@ class FLDA(torch.nn.Module):
         Raises:
             VoccError: wrong shape or kind, or a value that is not finite; the statistics stay as they were.
         """
-        with torch.inference_mode(False), torch.no_grad():
-            piece = ClassScatter.of(features, bits, self.n_features)
-            self._store(self.statistics.merged(piece).checked())
+        piece = ClassScatter.of(features, bits, self.n_features)
+        self._store(self.statistics.merged(piece).checked())
         return self
 
     def merge(self, other: "FLDA") -> Self:
@@ -136,8 +134,7 @@ class FLDA(torch.nn.Module):
             raise VoccError(
                 f"other has n_features = {other.n_features}: it must be {self.n_features}"
             )
-        with torch.inference_mode(False), torch.no_grad():
-            self._store(self.statistics.merged(other.statistics).checked())
+        self._store(self.statistics.merged(other.statistics).checked())
         return self
 
     def select(self, features: Sequence[int]) -> "FLDA":
@@ -149,8 +146,7 @@ class FLDA(torch.nn.Module):
         Raises:
             VoccError: no index, an index twice, or one out of range.
         """
-        with torch.inference_mode(False), torch.no_grad():
-            chosen = self.statistics.select(features)
+        chosen = self.statistics.select(features)
         part = FLDA(len(features)).to(self.mean.device)
         part._store(chosen)
         return part
@@ -213,7 +209,8 @@ class FLDA(torch.nn.Module):
 
     def _store(self, seen: ClassScatter) -> None:
         """Take over statistics as new tensors on this module's device; those handed out never change."""
-        here = seen.to(self.mean.device)
+        with torch.inference_mode(False):
+            here = seen.to(self.mean.device).each(lambda part: part.detach().clone())
         for name in _PARTS:
             setattr(self, name, getattr(here, name))
         self._solution = None

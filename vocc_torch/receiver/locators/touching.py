@@ -1,5 +1,7 @@
 """Panels that touch: a locator sees two of them as one lattice, which is cut in its middle."""
 
+from dataclasses import replace
+
 import torch
 
 from vocc_torch.receiver.locators.protocol import PanelLocator
@@ -22,14 +24,14 @@ def locate_several(
         most: panels of a frame.
     """
     found = locator.locate(frames, shape)
-    across = torch.tensor([shape.columns, 0]), PanelShape(shape.rows, 2 * shape.columns)
-    down = torch.tensor([0, shape.rows]), PanelShape(2 * shape.rows, shape.columns)
-    for step, pair in (across, down):
+    for down, across in ((0, 1), (1, 0)):
         sure = _sure(found, locator)
         few = torch.bincount(sure.frame, minlength=len(frames)) < most
         numbers = few.nonzero()[:, 0]
         if most < 2 or not len(numbers):
             break
+        step = torch.tensor([across * shape.columns, down * shape.rows])
+        pair = PanelShape((1 + down) * shape.rows, (1 + across) * shape.columns)
         seen = _sure(locator.locate(frames[numbers], pair), locator)
         parts = [found]
         for begin in (0 * step, step):
@@ -37,9 +39,7 @@ def locate_several(
             corners = map_points(
                 seen.corners_px, cells.expand(len(seen.score), 4, 2), pair
             )
-            half = Candidates(
-                numbers[seen.frame], corners, seen.score, seen.false_alarms
-            )
+            half = replace(seen, frame=numbers[seen.frame], corners_px=corners)
             parts.append(half[~_overlaps(half, sure)])
         found = Candidates.cat(parts)
         # In the frames' order, the best of each first.
@@ -55,11 +55,8 @@ def _sure(found: Candidates, locator: PanelLocator) -> Candidates:
 
 def _overlaps(some: Candidates, others: Candidates) -> torch.Tensor:
     """Say of candidates (N,) whether one of the others is at the same place."""
-    middle, size = (
-        some.corners_px.mean(1),
-        some.corners_px[:, 0] - some.corners_px[:, 2],
-    )
-    apart = (middle[:, None] - others.corners_px.mean(1)).norm(dim=2)
-    near = apart < APART_SIDES * size.norm(dim=1, keepdim=True)
+    diagonal = some.corners_px[:, 0] - some.corners_px[:, 2]
+    apart = torch.cdist(some.corners_px.mean(1), others.corners_px.mean(1))
+    near = apart < APART_SIDES * diagonal.norm(dim=1, keepdim=True)
     overlapping: torch.Tensor = (near & (some.frame[:, None] == others.frame)).any(1)
     return overlapping
