@@ -65,7 +65,7 @@ def test_quoted_values_are_stars_of_their_curve(table):
 
 @pytest.mark.parametrize(
     "draw",
-    [lambda: plots.facet_figure({}, "t", "", 1), lambda: plots.table_panel(BerTable())],
+    [lambda: plots.curve_figure([], "t"), lambda: plots.table_panel(BerTable())],
 )
 def test_nothing_to_draw_is_refused(draw):
     with pytest.raises(VoccError, match="needs at least one"):
@@ -89,9 +89,8 @@ def test_histograms_are_shares_of_each_kind_of_led():
 def test_titles_stay_above_their_own_axes():
     """Titles of two columns, measured by Matplotlib."""
     text = "job 0: focal_length_mm=18, board_reflectance=0.1"
-    figure = plots.facet_figure(
-        {text: "no panel", f"{text}1": "no panel"}, "Jobs", "", 2
-    )
+    panels = [plots.Panel(title=text, reason="no panel")] * 2
+    figure = plots.curve_figure(panels, "Jobs", "", 2)
     figure.canvas.draw()
     left, right = (axes._left_title.get_window_extent() for axes in figure.axes)
     assert left.x1 < right.x0

@@ -533,31 +533,6 @@ def ber_figure(table: BerTable, title: str) -> Figure:
     return curve_figure([panel], title, note)
 
 
-def facet_figure(
-    facets: Mapping[str, BerTable | str], title: str, footnote: str, columns: int
-) -> Figure:
-    """Draw tables in panels, each with axes of its own.
-
-    Args:
-        facets: by the facet's title, its table, or why it has none.
-        title: what the figure shows.
-        footnote: what it rests on.
-        columns: most facets in a row.
-
-    Raises:
-        VoccError: no facet, or a table without points.
-    """
-    tables = [facet for facet in facets.values() if isinstance(facet, BerTable)]
-    styles = receiver_styles(name for table in tables for name in table.receivers)
-    panels = [
-        Panel(title=name, reason=facet)
-        if isinstance(facet, str)
-        else table_panel(facet, name, styles)
-        for name, facet in facets.items()
-    ]
-    return curve_figure(panels, title, footnote, columns)
-
-
 def interval_note(rows: Iterable[Row]) -> str:
     """Say what bars and arrows are.
 

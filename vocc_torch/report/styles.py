@@ -1,6 +1,5 @@
 """How results look and read wherever they are shown: names, colours, markers, lines, and numbers as text."""
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -8,8 +7,6 @@ from itertools import cycle
 from typing import Any, Literal
 
 import yaml
-
-from vocc_torch.measure.curve import Row
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,26 +138,6 @@ def rate_text(rate: float) -> str:
     return f"{mantissa}e{int(exponent)}" if rate else "0"
 
 
-def ends_text(low: float, high: float) -> str:
-    """Write an interval of rates.
-
-    Example:
-        >>> ends_text(1.5e-5, 1.2e-2)
-        '1.5e-5 to 1.2e-2'
-    """
-    return f"{rate_text(low)} to {rate_text(high)}"
-
-
-def point_text(row: Row) -> str:
-    """Write a point's rate, or its limit where there were no errors.
-
-    Example:
-        >>> point_text(Row("s", "contrast", 0.1, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 0.04, 0, 0, "x"))
-        '< 4.0e-2'
-    """
-    return rate_or_limit(row.ber, row.ber_high)
-
-
 def rate_or_limit(rate: float, high: float) -> str:
     """Write a rate, or its limit where there were no errors.
 
@@ -169,15 +146,3 @@ def rate_or_limit(rate: float, high: float) -> str:
         ('6.6e-4', '< 1.0e-3')
     """
     return rate_text(rate) if rate else f"< {rate_text(high)}"
-
-
-def number_text(value: float) -> str:
-    """Write a positive number in three digits, never as a power of ten.
-
-    Example:
-        >>> [number_text(value) for value in (1042.6, 32.53, 9.999, 0.5942, 0.01337)]
-        ['1043', '32.5', '10.0', '0.594', '0.0134']
-    """
-    rounded = float(f"{value:.3g}")
-    digits = max(0, 2 - math.floor(math.log10(max(rounded, 1e-9))))
-    return f"{value:.{digits}f}"

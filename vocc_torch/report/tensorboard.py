@@ -93,7 +93,6 @@ def write_figures(
     figures: Mapping[str, plots.Figure],
     tables: Mapping[str, Sequence[BerTable]] = {},
     images: Mapping[str, plots.Pixels] = {},
-    texts: Mapping[str, str] = {},
     **rows: Mapping[str, Any],
 ) -> None:
     """Write a run's figures as PNG files and, where it wants one, its board with figures and configuration.
@@ -104,7 +103,6 @@ def write_figures(
         figures: by the name of the file, without its end.
         tables: as of :func:`write_boards`.
         images: (H,W,3) uint8 pictures by name.
-        texts: Markdown by name.
         **rows: ``numbers`` and ``runs`` of :func:`write_boards`.
     """
     pictures = {f"images/{name}": pixels for name, pixels in images.items()}
@@ -115,7 +113,7 @@ def write_figures(
             pictures[f"figures/{name}"] = np.array(Image.open(path).convert("RGB"))
     if settings.tensorboard:
         configuration = f"```yaml\n{as_yaml(settings)}\n```"
-        texts = {"configuration": configuration, **texts}
+        texts = {"configuration": configuration}
         write_boards(folder / "tensorboard", tables, pictures, texts, **rows)
 
 

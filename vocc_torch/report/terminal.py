@@ -20,9 +20,8 @@ from vocc_torch.report.progress import ProgressView as ProgressView
 from vocc_torch.report.styles import (
     LOOKS,
     axis_label,
-    ends_text,
-    point_text,
     rate_or_limit,
+    rate_text,
     value_text,
 )
 
@@ -121,7 +120,8 @@ def rate_texts(rate: Estimate) -> tuple[str, str]:
         ('< 1.0e-4', '')
     """
     text = rate_or_limit(rate.value, rate.high)
-    return text, ends_text(rate.low, rate.high) if rate.value else ""
+    ends = f"{rate_text(rate.low)} to {rate_text(rate.high)}"
+    return text, ends if rate.value else ""
 
 
 def ratio_text(ratio: Estimate) -> str:
@@ -226,7 +226,9 @@ def point_lines(table: BerTable, *, rates: bool) -> Iterator[str]:
         rows = [row for row in table if row.value == value]
         why = LOOKS["stopped"].get(rows[0].stopped_by, rows[0].stopped_by)
         text = f"{table.axis}={value_text(value)}: {rows[0].frames} frames, {why}"
-        told = ", ".join(f"{row.receiver} {point_text(row)}" for row in rows)
+        told = ", ".join(
+            f"{row.receiver} {rate_or_limit(row.ber, row.ber_high)}" for row in rows
+        )
         yield f"{text}; {told}" if rates else text
 
 

@@ -14,7 +14,14 @@ from vocc_torch.files import read_file
 from vocc_torch.measure import config, curve
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import rate_tables, styles
-from vocc_torch.report.plots import Figure, facet_figure, interval_note, save_figure
+from vocc_torch.report.plots import (
+    Figure,
+    Panel,
+    curve_figure,
+    interval_note,
+    save_figure,
+    table_panel,
+)
 from vocc_torch.report.terminal import Console, Text, plain_table
 
 INTO_INPUT = "collect"
@@ -64,26 +71,20 @@ def run_collect(settings: config.Settings, folder: Path) -> None:
     Raises:
         VoccError: no input, or an input without a job.
     """
-    if settings.input is None:
-        raise VoccError(
-            "input is null: task=collect needs input=runs/NAME, a folder that a multirun wrote"
-        )
-    source, console = Path(settings.input), Console()
+    needed = "task=collect needs input=runs/NAME, a folder that a multirun wrote"
+    source, console = run_folder.input_of(settings, needed), Console()
     into = source if settings.name == INTO_INPUT else folder
     jobs = find_jobs(source)
     keys = differing_keys(jobs)
     run_folder.write_rows(into / "collected.csv", collected_rows(jobs, keys))
-    pages = [
-        jobs[first : first + MOST_FACETS] for first in range(0, len(jobs), MOST_FACETS)
-    ]
-    paths = [
-        into / f"collected{'' if page == 0 else f'-{page + 1}'}.png"
-        for page in range(len(pages))
-    ]
-    for number, (page, path) in enumerate(zip(pages, paths, strict=True)):
-        of = f", page {number + 1} of {len(pages)}" if len(pages) > 1 else ""
-        title = f"Bit error rates of the jobs in {source.resolve().name}{of}"
-        save_figure(jobs_figure(page, keys, title), path)
+    pages, paths = -(-len(jobs) // MOST_FACETS), list[Path]()
+    for page in range(pages):
+        first = page * MOST_FACETS
+        title = f"Bit error rates of the jobs in {source.resolve().name}"
+        title += f", page {page + 1} of {pages}" * (pages > 1)
+        paths.append(into / f"collected{f'-{page + 1}' * (page > 0)}.png")
+        figure = jobs_figure(jobs[first : first + MOST_FACETS], keys, title)
+        save_figure(figure, paths[-1])
     for old in set(into.glob("collected-[0-9]*.png")) - set(paths):
         old.unlink()
     print_jobs(jobs, keys, console)
@@ -320,28 +321,26 @@ def jobs_figure(jobs: Sequence[SweepJob], keys: Sequence[str], title: str) -> Fi
         >>> len(jobs_figure([SweepJob("0", "failed", "no panel")], [], "Jobs").axes)
         1
     """
-    facets: dict[str, curve.BerTable | str] = {}
+    shown = [row for job in jobs for row in job.table or ()]
+    looks, panels = styles.receiver_styles(row.receiver for row in shown), list[Panel]()
     for job in jobs:
         about = [label(job, keys), "" if job.status == "done" else job.status]
         name = f"job {job.name}: {', '.join(filter(None, about))}".removesuffix(": ")
-        # Rows of a grid whose settings are not known have the same name; blanks at its end are not drawn.
-        while name in facets:
-            name += " "
-        facets[name] = job.table or job.complaint or job.status
+        panels.append(
+            table_panel(job.table, name, looks)
+            if job.table
+            else Panel(title=name, reason=job.complaint or job.status)
+        )
     columns = len(jobs) if len(jobs) <= 3 else min(5, math.ceil(math.sqrt(len(jobs))))
-    shown = [row for job in jobs for row in job.table or ()]
     locators = ", ".join(dict.fromkeys(row.locator for row in shown))
     without = sum(not job.table for job in jobs)
     parts = [f"locator: {locators}"] if locators else []
     if without:
         parts.append(f"{without} job{'s have' if without > 1 else ' has'} no points")
-    note = "\n".join(
-        filter(
-            None,
-            [" \N{MIDDLE DOT} ".join(parts), interval_note(shown) if shown else ""],
-        )
-    )
-    return facet_figure(facets, title, note, columns)
+    notes = [" \N{MIDDLE DOT} ".join(parts)] * bool(parts)
+    notes += [interval_note(shown)] * bool(shown)
+    note = "\n".join(notes)
+    return curve_figure(panels, title, note, columns)
 
 
 def print_jobs(jobs: Sequence[SweepJob], keys: Sequence[str], console: Console) -> None:
@@ -372,7 +371,10 @@ def print_jobs(jobs: Sequence[SweepJob], keys: Sequence[str], console: Console) 
         for name in job.table.receivers if job.table else ():
             rows = job.table.of(name) if job.table else ()
             rows = tuple(sorted(rows, key=lambda row: (row.ber, row.ber_high)))
-            ends = (styles.point_text(row) for row in (rows[0], rows[-1]))
+            ends = (
+                styles.rate_or_limit(row.ber, row.ber_high)
+                for row in (rows[0], rows[-1])
+            )
             for column, text in zip(cells, (name, *ends), strict=True):
                 column.append(text)
         label_text = Text(label(job, keys))

@@ -13,10 +13,9 @@ from vocc_torch.arrays import Floats
 from vocc_torch.measure import link, timing
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.measure.frame_errors import FrameErrors, Key
+from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import Locator
-from vocc_torch.measure.runner import Outcome
 from vocc_torch.report.terminal import TableRow, print_rows
 from vocc_torch.rng import FrameKey
 from vocc_torch.simulation.effects import Effect, build_effects
@@ -107,8 +106,11 @@ def measure_costs(study: EffectStudy) -> Costs:
 Place: TypeAlias = tuple[str, Locator, str | float]
 """A pair's name, the locator, and ``with`` or ``without`` the effect or its severity."""
 
+Errors: TypeAlias = Mapping[tuple[str, Locator, str | float, str, int], FrameErrors]
+"""Errors by place, receiver and training: 0 without the effect, 1 with it."""
 
-def count_errors(study: EffectStudy, run: Run) -> dict[Place, Outcome]:
+
+def count_errors(study: EffectStudy, run: Run) -> Errors:
     """Train on every scene, and count the errors in every scene's test frames.
 
     All effects together are left out: no receiver reads such frames, and to render them takes most of the time.
@@ -136,24 +138,12 @@ def count_errors(study: EffectStudy, run: Run) -> dict[Place, Outcome]:
             met = pair.absent, pair.present
             add((name, "truth", value), study.at(name, value), frames, *met)
     run.train([plan for case in cases.values() for plan in case.trained_on])
-    return dict(zip(cases, run.count(list(cases.values())), strict=True))
-
-
-def errors_of(
-    outcomes: Mapping[Place, Outcome], place: Place, receiver: str, training: int = 0
-) -> FrameErrors | None:
-    """Give a receiver's errors; None where they were not counted.
-
-    Args:
-        outcomes: by place.
-        place: the scene and the locator.
-        receiver: its name.
-        training: 0 without the effect, 1 with it.
-    """
-    key, outcome = Key(place[1], receiver, training), outcomes.get(place)
-    if outcome is None or key not in outcome.errors.keys:
-        return None
-    return outcome.errors.of([outcome.errors.place(key)])
+    counted = run.count(list(cases.values()))
+    return {
+        (*place, key.receiver, key.training): outcome.errors.of([row])
+        for place, outcome in zip(cases, counted, strict=True)
+        for row, key in enumerate(outcome.errors.keys)
+    }
 
 
 READINGS: dict[str, tuple[Locator, int]] = {
@@ -176,9 +166,9 @@ def run_effects_task(settings: Settings, effects: EffectsConfig, folder: Path) -
         with run.stage("times", 1):
             costs = measure_costs(study)
         with run.pool:
-            outcomes = count_errors(study, run)
-    rows = effect_rows(study, costs, outcomes)
-    severities = severity_rows(study, outcomes)
+            errors = count_errors(study, run)
+    rows = effect_rows(study, costs, errors)
+    severities = severity_rows(study, errors)
     shown = [row for row in rows if row["receiver"] == study.shown]
     print_effects(shown)
     drawn = {"effects": figures.effects_figure(study, shown[1:])}
@@ -189,9 +179,7 @@ def run_effects_task(settings: Settings, effects: EffectsConfig, folder: Path) -
     write_report(settings, folder, tables, drawn)
 
 
-def effect_rows(
-    study: EffectStudy, costs: Costs, outcomes: Mapping[Place, Outcome]
-) -> list[TableRow]:
+def effect_rows(study: EffectStudy, costs: Costs, errors: Errors) -> list[TableRow]:
     """Give the rows of ``effects.csv``: the scene itself, each effect, and all together, by receiver.
 
     ``row`` is ``scene``, ``effect`` or ``together``. A cost is a median with its quartiles over the rounds, ms
@@ -212,9 +200,8 @@ def effect_rows(
             spent = astuple(costs.added(kind, pair))
             row[f"{kind}_ms"] = Estimate(*(round(ms, 4) for ms in spent))
         for reading, (locator, training) in READINGS.items():
-            place = pair.name, locator, "with"
-            present = errors_of(outcomes, place, name, training)
-            absent = errors_of(outcomes, (pair.name, locator, "without"), name)
+            present = errors.get((pair.name, locator, "with", name, training))
+            absent = errors.get((pair.name, locator, "without", name, 0))
             if present and absent:
                 cells = change_cells(present, absent, lost=locator == "paper")
                 names = cells if pair.name else ("frames", "ber_with", "missed_with")
@@ -245,9 +232,7 @@ def change_cells(present: FrameErrors, absent: FrameErrors, *, lost: bool) -> Ta
     }
 
 
-def severity_rows(
-    study: EffectStudy, outcomes: Mapping[Place, Outcome]
-) -> list[TableRow]:
+def severity_rows(study: EffectStudy, errors: Errors) -> list[TableRow]:
     """Give the rows of ``severity.csv``: a row for each effect, severity, receiver and training.
 
     ``trained``: whether the receiver trained ``without`` the effect or ``with`` it, as the table of effects
@@ -256,20 +241,17 @@ def severity_rows(
     rows: list[TableRow] = []
     for effect, values in study.severities.items():
         parameter, usual = study.config.severity[effect].parameter, study.usual(effect)
-        trainings, names = ("without", "with"), study.plan.receiver.names
-        for value, trained, name in itertools.product(values, trainings, names):
-            place: Place = effect, "truth", value
-            errors = errors_of(outcomes, place, name, trainings.index(trained))
-            if errors:
-                counts = errors.counts[0]
-                row: TableRow = {
-                    "effect": effect,
-                    "parameter": parameter,
-                    "value": value,
-                }
-                row |= {"in_table": int(value == usual), "receiver": name}
-                row |= {"trained": trained, **counted(counts)}
-                rows.append(row | {"frame_errors": counts.frame_errors})
+        trainings, names = enumerate(("without", "with")), study.plan.receiver.names
+        for value, (number, trained), name in itertools.product(
+            values, trainings, names
+        ):
+            if found := errors.get((effect, "truth", value, name, number)):
+                row: TableRow = {"effect": effect, "parameter": parameter}
+                row |= {"value": value, "in_table": int(value == usual)}
+                row |= {"receiver": name, "trained": trained}
+                frame_errors = found.counts[0].frame_errors
+                row |= {**counted(found.counts[0]), "frame_errors": frame_errors}
+                rows.append(row)
     return rows
 
 
