@@ -231,37 +231,12 @@ class Experiment:
         return narrowed(world.scene, self.training, "experiment.training")
 
 
-def _schema(
-    name: str,
-    *domains: type,
-    without: str,
-    unset: bool = False,
-    texts: tuple[str, ...] = (),
-) -> type:
-    """Make a section of the schema from the fields of domain classes; ``unset`` makes all of them null.
-
-    Those that ``texts`` names may be text too.
-    """
-    domain_fields: list[Any] = [
-        attribute
-        for domain in domains
-        for attribute in fields(domain)
-        if attribute.name != without
-    ]
-    section_fields = [
-        (entry.name, entry.type | None, None)
-        if unset
-        else (
-            entry.name,
-            entry.type | str if entry.name in texts else entry.type,
-            entry.default,
-        )
-        for entry in domain_fields
-    ]
+def _schema(name: str, entries: list[Any], *domains: type) -> type:
+    """Make a section of the schema with the descriptions of domain classes."""
     description = "\n    ".join(str(domain.__doc__) for domain in domains)
     # The module is where the class is found when settings are pickled.
     return make_dataclass(
-        name, section_fields, namespace={"__doc__": description, "__module__": __name__}
+        name, entries, namespace={"__doc__": description, "__module__": __name__}
     )
 
 
@@ -271,17 +246,20 @@ if TYPE_CHECKING:
     PanelSettings = LedPanel
 else:
     # The light meter's constant is no matter of the scene.
-    CameraChanges = _schema(
-        "CameraChanges", Camera, without="calibration_constant", unset=True
-    )
+    changes = [
+        (entry.name, entry.type | None, None)
+        for entry in fields(Camera)
+        if entry.name != "calibration_constant"
+    ]
+    CameraChanges = _schema("CameraChanges", changes, Camera)
     # A number of rows or columns, or auto where task=decode looks for it.
-    PanelSettings = _schema(
-        "PanelSettings",
-        PanelShape,
-        LedPanel,
-        without="shape",
-        texts=("rows", "columns"),
-    )
+    sides = [(side.name, side.type | str, side.default) for side in fields(PanelShape)]
+    others = [
+        (entry.name, entry.type, entry.default)
+        for entry in fields(LedPanel)
+        if entry.name != "shape"
+    ]
+    PanelSettings = _schema("PanelSettings", [*sides, *others], PanelShape, LedPanel)
 
 
 @dataclass

@@ -117,7 +117,8 @@ class Best:
             many errors, as on a plateau without any.
         candidates_cd_m2: luminances that cannot be told from the best; with at least 95 % the true best of
             the grid is among them.
-        grid_cd_m2: lowest and highest luminance of the grid.
+        reaches_lowest: whether the grid's lowest luminance is a candidate: the best may lie below the grid.
+        reaches_highest: whether the grid's highest luminance is a candidate: the best may lie above the grid.
         ber: least bit error rate seen. As the least of several it tends to be too low.
         ber_low: lower end of the 95 % interval of the least of the true rates.
         ber_high: its upper end; both allow for the choice of the least.
@@ -132,7 +133,8 @@ class Best:
     ambient_lx: float
     least_cd_m2: tuple[float, ...]
     candidates_cd_m2: tuple[float, ...]
-    grid_cd_m2: tuple[float, float]
+    reaches_lowest: bool
+    reaches_highest: bool
     ber: float
     ber_low: float
     ber_high: float
@@ -141,16 +143,6 @@ class Best:
     def middle_cd_m2(self) -> float:
         """The best luminance, or the middle of the plateau in octaves."""
         return math.sqrt(self.least_cd_m2[0]) * math.sqrt(self.least_cd_m2[-1])
-
-    @property
-    def reaches_lowest(self) -> bool:
-        """Whether the grid's lowest luminance is a candidate: the best may lie below the grid."""
-        return self.candidates_cd_m2[0] == self.grid_cd_m2[0]
-
-    @property
-    def reaches_highest(self) -> bool:
-        """Whether the grid's highest luminance is a candidate: the best may lie above the grid."""
-        return self.candidates_cd_m2[-1] == self.grid_cd_m2[1]
 
 
 def best_luminance(grid: Grid, receiver: str) -> list[Best]:
@@ -193,14 +185,15 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
     high = grid.intervals(
         receiver, (1 - estimate.joint_confidence(len(luminances))) / 2
     )[1].min(1)
-    ends, bests = (grid.columns[0], grid.columns[-1]), []
+    bests = []
     for i, (at, row) in enumerate(zip(grid.rows, ber, strict=True)):
         rate = float(row.min())
         least, may_be = (
             tuple(luminances[which].tolist()) for which in (row == rate, candidates[i])
         )
         interval = rate, min(float(low[i]), rate), max(float(high[i]), rate)
-        bests.append(Best(receiver, at, least, may_be, ends, *interval))
+        edges = bool(candidates[i, 0]), bool(candidates[i, -1])
+        bests.append(Best(receiver, at, least, may_be, *edges, *interval))
     return bests
 
 

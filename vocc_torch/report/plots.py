@@ -48,6 +48,7 @@ class FigureLook:
     sign_in: float = 2.6  # width of a column of the legend, inches
     title_letters: int = 34  # of a line above a panel
     ticks: int = 5  # most values that the axis of one of several panels names
+    linear: float = 1e-3  # half the width of the linear part of symlog
     spread_pt: float = 4.5  # distance of neighbouring curves at one value, points
 
 
@@ -394,7 +395,6 @@ class Rows:
         x_label: with the unit.
         title: above the axes.
         scale: ``linear``, ``log`` or ``symlog``.
-        linear: half the width of the linear part of ``symlog``.
         stars: quoted values by row.
     """
 
@@ -402,7 +402,6 @@ class Rows:
     x_label: str
     title: str = ""
     scale: str = "linear"
-    linear: float = 1e-3
     stars: Mapping[int, float] = field(default_factory=dict)
 
 
@@ -452,7 +451,7 @@ def draw_rows(axes: Axes, panel: Rows) -> None:
         panel: the intervals.
     """
     quiet(axes, "x")
-    linear = {"linthresh": panel.linear} if panel.scale == "symlog" else {}
+    linear = {"linthresh": LOOK.linear} if panel.scale == "symlog" else {}
     axes.set_xscale(panel.scale, **linear)
     head(axes, panel.title)
     axes.set_xlabel(panel.x_label)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from vocc_torch.api import SimulatedFrames
 from vocc_torch.measure import build, config, plan
-from vocc_torch.measure.link import block_keys, rendered
 from vocc_torch.receiver import onnx_graph
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
@@ -82,14 +82,14 @@ def crops(study: plan.Plan, frames: int) -> Iterator[tuple[Tensor, Tensor]]:
     Yields:
         Batches (B,H,W) uint8 and their panels' corners (B,4,2), from each crop's first pixel on.
     """
-    simulator, keys = study.world.simulator(), block_keys(study.seed, "export", frames)
-    batches = range(0, frames, study.batch_frames)
-    for scene, _, names, takes in rendered(
-        simulator, study.world.scene, keys, batches, preambles=False
-    ):
-        corners = simulator.true_panels(scene, names, rendered=True).corners_px
-        grey = takes[0].grey[:, 0].round().clamp(0, 255).to(torch.uint8)
-        yield grey.cpu().contiguous(), (corners - takes[0].origin_px[:, None]).cpu()
+    every = SimulatedFrames(
+        study.world, frames, study.seed, batch=study.batch_frames, point="export"
+    )
+    for batch in every:
+        seen = batch.frames
+        grey = seen.grey[:, 0].round().clamp(0, 255).to(torch.uint8)
+        corners = batch.corners_px - seen.origin_px[:, None]
+        yield grey.cpu().contiguous(), corners.cpu()
 
 
 def compared(

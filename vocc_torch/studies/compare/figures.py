@@ -21,7 +21,6 @@ class FigureSettings:
 
     receivers: int = 4  # panels of receivers in a row
     severities: int = 5  # panels of severities in a row
-    linear: float = 1e-3  # changes of the rate below this are drawn linearly
     price_in: tuple[float, float] = (6.2, 5.6)  # a panel of times and errors, inches
 
 
@@ -145,11 +144,11 @@ def effects_figure(study: EffectStudy, rows: Sequence[TableRow]) -> Figure:
         ]
         if series:
             label = "Change of the bit error rate"
-            panels.append(Rows(series, label, title, "symlog", SETTINGS.linear))
+            panels.append(Rows(series, label, title, "symlog"))
     note = (
         f"# a locator needs whole frames{DOT}* the scene has it: compared with the scene without it\n"
         f"{study.plan.budget.frames} frames at true corners, the same with and without{DOT}bars: 95 %"
-        f" intervals, full where they exclude 0{DOT}linear within {SETTINGS.linear:g}\nTimes:"
+        f" intervals, full where they exclude 0{DOT}linear within {LOOK.linear:g}\nTimes:"
         f" {rows[0]['machine']}; medians with quartiles"
     )
     names = [

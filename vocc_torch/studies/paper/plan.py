@@ -10,7 +10,7 @@ import yaml
 
 from vocc_torch.errors import VoccError, demand_word, section
 from vocc_torch.measure import config as configs
-from vocc_torch.measure import grid, runner, sweep
+from vocc_torch.measure import curve, grid
 from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.evidence import PaperFigure, features, panels, times
@@ -48,8 +48,8 @@ EVIDENCE: Mapping[str, Callable[[Source, str], PaperFigure]] = {
 """The figures other than bit error rates by name."""
 
 
-Outcomes: TypeAlias = Mapping[str, Mapping[float, runner.Outcome]]
-"""What was counted, by the study's name and the value that was simulated."""
+Measured: TypeAlias = Mapping[tuple[str, Locator], curve.Curves]
+"""What was counted, by the study's name and the locator."""
 
 
 class RateStudy(NamedTuple):
@@ -99,7 +99,7 @@ class FigurePlan:
         every = (*self.studies.values(), *self.rows.values())
         return list({study.name: study for study in every}.values())
 
-    def evidence(self, outcomes: Outcomes) -> dict[str, Evidence]:
+    def evidence(self, measured: Measured) -> dict[str, Evidence]:
         """What was measured, by reading.
 
         Raises:
@@ -108,8 +108,7 @@ class FigurePlan:
         locators = {reading.name: reading.locator for reading in self.readings}
         found = {name: Evidence({}, {}) for name in locators}
         for (name, experiment), study in self.studies.items():
-            counted = outcomes[study.name]
-            curves = sweep.curves_at(study.plan, locators[name], counted)
+            curves = measured[study.name, locators[name]]
             if not curves.values:
                 key = f"figures.experiments.{experiment}.values"
                 edges = list(study.plan.experiment.values)
@@ -117,14 +116,12 @@ class FigurePlan:
             found[name].experiments[experiment] = curves
         return found
 
-    def grid(self, outcomes: Outcomes) -> grid.Grid | None:
+    def grid(self, measured: Measured) -> grid.Grid | None:
         """The grid of ambient light and LED luminance; None where it was not measured."""
         if not self.rows:
             return None
-        curves = [
-            sweep.curves_at(study.plan, study.locators[0], outcomes[study.name])
-            for study in self.rows.values()
-        ]
+        rows = self.rows.values()
+        curves = [measured[study.name, study.locators[0]] for study in rows]
         return grid.Grid("ambient_lx", tuple(self.rows), curves)
 
 

@@ -4,6 +4,8 @@ from pathlib import Path
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import config as configs
+from vocc_torch.measure import curve, sweep
+from vocc_torch.measure.plan import Locator
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
 from vocc_torch.studies.paper import FiguresConfig
@@ -13,7 +15,7 @@ from vocc_torch.studies.paper.plan import (
     FIGURES,
     RATE_FIGURES,
     FigurePlan,
-    Outcomes,
+    Measured,
     plan_figures,
 )
 from vocc_torch.studies.paper.report import Report
@@ -45,11 +47,11 @@ def run_figures(
     # The ledger is open to the end: a second run would write over the same report.
     with begin(settings, folder, plan.readings[0].plan, stages) as run:
         with watch.stage("bit error rates"):
-            outcomes = measure(settings, plan, run, folder) if plan.every_study else {}
-            report = Report(folder, plan, plan.evidence(outcomes))
+            measured = measure(settings, plan, run, folder) if plan.every_study else {}
+            report = Report(folder, plan, plan.evidence(measured))
             for experiment in plan.experiments:
                 report.add_rates(experiment, RATE_FIGURES[experiment])
-            if (cells := plan.grid(outcomes)) is not None:
+            if (cells := plan.grid(measured)) is not None:
                 report.add_dimming(cells)
         # After the workers have ended: one of these figures is a measurement of time.
         with watch.stage("other figures"):
@@ -65,24 +67,23 @@ def run_figures(
 
 def measure(
     settings: configs.Settings, plan: FigurePlan, run: Run, folder: Path
-) -> Outcomes:
+) -> Measured:
     """Train and count for every study, and save the first reading's receiver.
 
     Raises:
         VoccError: whatever a stage refuses.
     """
     every = [case for study in plan.every_study for case in study.cases]
+    measured = dict[tuple[str, Locator], curve.Curves]()
     with run.pool:
         run.train([source for case in every for source in case.trained_on])
-        outcomes = {
-            study.name: {
-                case.value or 0.0: outcome
-                for case, outcome in zip(
-                    study.cases, run.count(study.cases, study.name), strict=True
-                )
-            }
-            for study in plan.every_study
-        }
+        for study in plan.every_study:
+            counted = run.count(study.cases, study.name)
+            values = study.plan.experiment.simulated_values
+            outcomes = dict(zip(values, counted, strict=True))
+            for locator in study.locators:
+                curves = sweep.curves_at(study.plan, locator, outcomes)
+                measured[study.name, locator] = curves
     first = every[0].plan
     write_training(settings, first, run.training(first), folder)
-    return outcomes
+    return measured
