@@ -30,13 +30,25 @@ def annotated(
     outline = list(map(tuple, corners[[0, 1, 2, 3, 0]].tolist()))
     draw.line(outline, fill=(0, 158, 115), width=max(1, round(cell_px / 12)))
     radius = max(0.6, 0.16 * cell_px)
-    for place, bit in np.ndenumerate(bits):
-        # Bilinear in the quadrilateral is close enough to draw a mark at.
-        v, u = (np.array(place) + 0.5) / bits.shape
-        x, y = np.array([(1 - v) * (1 - u), (1 - v) * u, v * u, v * (1 - u)]) @ corners
+    for (x, y), bit in zip(led_centres_px(corners, bits), bits.flat, strict=True):
         box = (x - radius, y - radius, x + radius, y + radius)
         draw.ellipse(box, fill=(0, 114, 178) if bit else None, outline=(86, 180, 233))
     return picture
+
+
+def led_centres_px(corners_px: Floats, bits: Bools) -> Floats:
+    """Give the centres of a panel's LEDs, (R*C,2) in raster order; close enough to draw marks at.
+
+    Bilinear in the quadrilateral.
+
+    Example:
+        >>> led_centres_px(np.array([[0, 0], [4, 0], [4, 2], [0, 2]]), np.ones((1, 2), bool)).tolist()
+        [[1.0, 1.0], [3.0, 1.0]]
+    """
+    v, u = (np.argwhere(np.ones_like(bits)).T + 0.5) / np.array(bits.shape)[:, None]
+    weights = np.stack([(1 - v) * (1 - u), (1 - v) * u, v * u, v * (1 - u)], axis=1)
+    centres: Floats = weights @ corners_px
+    return centres
 
 
 def enlarged(colour: Pixels, scale: int) -> Image.Image:

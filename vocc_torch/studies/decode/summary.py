@@ -1,7 +1,6 @@
 """What the readings of a recording come to: the best one, hints where nothing is found, and warnings."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from rich.console import Console
@@ -79,11 +78,6 @@ class Summary:
         if self.best is None or reading.margin > self.best.margin:
             self.best = reading
 
-    @property
-    def counted(self) -> str:
-        """What was found, in words: frames, or where a frame has several rows, readings."""
-        return f"{self.found} " + ("frames" if self.found == self.shown else "readings")
-
     def print_best(self, console: Console, most: int) -> None:
         """Print the surest bits as they sit on the panel, of up to ``most`` panels of a frame."""
         if self.best is None:
@@ -105,51 +99,27 @@ class Summary:
 
     def hint(self, config: DecodeConfig, is_trained: bool, receiver: Receiver) -> str:
         """Say what may be tried where nothing was found, by a receiver that was trained here or before."""
-        tries = ["decode.channel=auto for coloured LEDs"] * (config.channel != "auto")
-        if receiver.locator.finds_several and config.most < 2:
-            tries.append("decode.most=2 for panels that touch")
-        if config.follow == "true" or (
-            config.follow == "auto" and math.isnan(self.least_alarms)
-        ):
-            return " or ".join(
-                ["try decode.follow=false, which searches every frame,", *tries]
-            )
-        if math.isnan(self.least_alarms) and not receiver.locator.finds_several:
-            return " and ".join(
-                ["see receiver.location for the locator's limits", *tries]
-            )
-        tries += [
-            "receiver=recommended if one bright panel is surely there"
-        ] * is_trained
-        expected, frames = self.least_alarms * self.frames, self.frames
-        if not expected < BY_CHANCE or not is_adjustable(receiver.locator):
-            tries = ["check panel.rows and panel.columns", *tries]
-            return "no candidate is enough like a panel: " + ", or try ".join(tries)
-        step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
-        enough = (
-            f"receiver.false_alarms={math.ceil(self.least_alarms / step) * step:.2g}"
+        enough, by_chance = 0.0, self.least_alarms * self.frames
+        if by_chance < BY_CHANCE and is_adjustable(receiver.locator):
+            step = 10.0 ** (math.floor(math.log10(self.least_alarms)) - 1)
+            enough = math.ceil(self.least_alarms / step) * step
+        (hint,) = self._said(
+            "hint",
+            receiver=receiver,
+            config=config,
+            is_trained=is_trained,
+            stated=not math.isnan(self.least_alarms),
+            enough=enough,
         )
-        told = (
-            f"{self.least_alarms:.2g} expected false alarms per frame without a panel"
-        )
-        told += f" ({expected:.2g} in {frames} frames)" * (frames > 1)
-        sized = (
-            f"if the panel has {receiver.shape.rows} x {receiver.shape.columns} LEDs"
-        )
-        return f"the best candidate, in {self.likeliest}, has {told}; {enough} accepts it, {sized}"
+        return hint
 
-    def doubts(self, receiver: Receiver) -> Iterator[str]:
+    def doubts(self, receiver: Receiver) -> list[str]:
         """Say what makes the bits doubtful."""
-        if self.doubtful:
-            look = "check its place, panel_score and margin before you trust the bits"
-            yield f"{self.doubtful} of {self.counted} may show no panel: {look}"
-        if self.alike:
-            look = "if all are On or all Off, their bits mean nothing"
-            yield f"LEDs look alike in {self.alike} of {self.counted}: {look}"
-        if self.strange:
-            below = "; ".join(
-                f"{name} {value:.3g}, in training at least {receiver.trained_on[name][0]:.3g}"
-                for name, value in self.unlike.items()
-            )
-            which = f"{self.strange} of {self.counted} are harder than the training frames of {receiver.name}"
-            yield f"{which} ({below}): expected_errors may be too low"
+        return self._said("doubts", receiver=receiver)
+
+    def _said(self, template: str, **values: object) -> list[str]:
+        """Fill in a template of this package."""
+        from vocc_torch.report import page  # rarely needed, and slow to import
+
+        name = f"{template}.txt.j2"
+        return page.render(__package__, name, summary=self, **values).splitlines()

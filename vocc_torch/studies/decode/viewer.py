@@ -1,13 +1,10 @@
 """A window that shows frames with the panel's corners and bits while they are read: Rerun's viewer."""
 
 import numpy as np
-import torch
 
-from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError, library
-from vocc_torch.receiver.resample import map_points, sample_cells
+from vocc_torch.report.annotation import led_centres_px
 from vocc_torch.studies.decode.reading import Reading
-from vocc_torch.types import PanelShape
 
 ON_COLOUR = (0, 114, 178)
 OFF_COLOUR = (230, 159, 0)
@@ -42,23 +39,8 @@ class Viewer:
         outline = np.concatenate([reading.corners_px, reading.corners_px[:1]])
         rerun.log("frame/panel/outline", rerun.LineStrips2D([outline]))
         colours = [ON_COLOUR if bit else OFF_COLOUR for bit in reading.bits.ravel()]
-        points = led_centres_px(reading.corners_px, PanelShape(*reading.bits.shape))
+        points = led_centres_px(reading.corners_px, reading.bits)
         rerun.log(
             "frame/panel/bits",
             rerun.Points2D(points, colors=colours, radii=LED_RADIUS_PX),
         )
-
-
-def led_centres_px(corners_px: Floats, shape: PanelShape) -> Floats:
-    """Centres (R*C,2) of LEDs in raster order within corners (4,2).
-
-    Example:
-        >>> led_centres_px(np.array([[0, 0], [4, 0], [4, 2], [0, 2]]), PanelShape(1, 2)).tolist()
-        [[1.0, 1.0], [3.0, 1.0]]
-    """
-    rows, columns = (sample_cells(leds, 1, 0) for leds in (shape.rows, shape.columns))
-    cells = torch.cartesian_prod(rows, columns).flip(1)
-    centres: Floats = map_points(
-        torch.from_numpy(corners_px)[None], cells[None], shape
-    )[0].numpy()
-    return centres
