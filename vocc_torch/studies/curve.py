@@ -28,6 +28,7 @@ from vocc_torch.report import folder as run_folder
 from vocc_torch.report import (
     heatmap,
     led_plots,
+    page,
     plots,
     rate_tables,
     samples,
@@ -83,12 +84,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         if is_grid:
             run_folder.say(console, f"\n{measured.experiment}")
         terminal.print_table(measured, console)
-        notes = (
-            *left_out(plan, measured),
-            *location_note(measured),
-            *compared(measured, plan.receiver.reference),
-        )
-        run_folder.say(console, *notes)
+        run_folder.say(console, *notes_on(plan, measured))
     run_folder.say(console, kept(plan))
     written = [("table", "ber.csv"), ("pairs", "paired.csv")]
     written += [("figure", f"{name}.png") for name in figures]
@@ -263,59 +259,22 @@ def curve_figures(
     }
 
 
-def left_out(plan: Plan, curves: curve.Curves) -> list[str]:
-    """Say which frames and contrast bins are not in the results."""
-    lines = []
-    rows, drawn = curves.of(curves.receivers[0]), plan.frames_in_point
-    counted, all_spent = (
-        sum(row.frames for row in rows),
-        all(row.stopped_by == "frames" for row in rows),
-    )
-    if plan.experiment.axis == "contrast" and all_spent and counted < drawn:
-        outside = f"{drawn - counted} of {drawn} frames"
-        lines.append(f"{outside} have a contrast outside the bins and are not counted")
-    if empty := [
-        f"{value:g}"
-        for value in plan.experiment.result_values
-        if value not in curves.values
-    ]:
-        lines.append(
-            f"no frame fell into the bins about {', '.join(empty)}: they are not in the results"
-        )
-    return lines
-
-
-LEAST_WRONG_FRAMES = 10
-"""Fewer wrong frames say too little of where errors come from."""
-
-
-def location_note(curves: curve.Curves) -> list[str]:
-    """Say what to try where the receiver with the fewest errors has most of them from location.
-
-    Args:
-        curves: an experiment.
-    """
-    if curves.locator == "truth":
-        return []
-    totals = {name: curves.total(name) for name in curves.receivers}
+def notes_on(plan: Plan, curves: curve.Curves) -> list[str]:
+    """Say what is not in the results, where errors come from, and which receivers differ from the reference."""
+    reference, names = plan.receiver.reference, curves.receivers
+    totals = {name: curves.total(name) for name in names}
     best = min(totals, key=lambda name: totals[name].ber)
-    counts, share = totals[best], totals[best].location_share
-    if counts.frame_errors < LEAST_WRONG_FRAMES or share is None or share < 0.5:
-        return []
-    frames = counts.misplaced / counts.frames
-    if share * (1 - frames) < 2 * frames * (
-        1 - share
-    ):  # then they are hardly worse than the other frames
-        return []
-    remedy = (
-        "refined"
-        if curves.locator == "paper"
-        else "truth, to see decision errors alone"
-    )
-    share_text = f"the {100 * frames:.1f} % of the frames with corners over a quarter of a cell off"
-    return [
-        f"{100 * share:.0f} % of {best}'s wrong bits are in {share_text}: try receiver.locator={remedy}"
-    ]
+    about = {"plan": plan, "curves": curves, "best": best, "counts": totals[best]}
+    about["is_spent"] = all(row.stopped_by == "frames" for row in curves.of(best))
+    about["differences"] = {
+        name: {
+            styles.value_text(value): curves.difference(name, reference, value)
+            for value in curves.values
+        }
+        for name in (names if reference in names and curves.pairs else ())
+        if name != reference
+    }
+    return page.render(__package__, "notes.txt.j2", **about).splitlines()
 
 
 def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, plots.Pixels]:
@@ -360,37 +319,3 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, plots.Pixels]:
             columns.append(np.concatenate([plain, drawn]))
         pictures[name] = np.concatenate(columns, axis=1)
     return pictures
-
-
-def compared(curves: curve.Curves, reference: str) -> list[str]:
-    """Say in a line for each other receiver where it surely differs from a reference, below a heading.
-
-    Args:
-        curves: an experiment.
-        reference: a receiver; nothing is said if it is not in the experiment, or alone.
-
-    Example:
-        >>> compared(curve.Curves([]), "flda_3")
-        []
-    """
-    lines = []
-    others = [name for name in curves.receivers if name != reference]
-    for name in others if reference in curves.receivers and curves.pairs else ():
-        places: dict[str, list[str]] = {"more errors": [], "fewer errors": []}
-        for value in curves.values:
-            found = curves.difference(name, reference, value)
-            if found.real:
-                places["more errors" if found.value > 0 else "fewer errors"].append(
-                    styles.value_text(value)
-                )
-        parts = [
-            f"{word} at {', '.join(values)}"
-            for word, values in places.items()
-            if values
-        ]
-        lines.append(f"  {name}: {'; '.join(parts) or 'no difference found'}")
-    same = (
-        "the same frames, training by training" if curves.trained else "the same frames"
-    )
-    heading = f"\nCompared with {reference} on {same} (95 %), by {curves.axis}:"
-    return [heading, *lines] if lines else []
