@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -65,8 +66,8 @@ def train_plans(
     plans: Sequence[Plan],
     workers: Workers,
     store: Store,
-    progress: Callable[[bool, float], None],
-) -> list[Training]:
+    progress: Callable[[float], object],
+) -> tuple[list[Training], int]:
     """Train every plan with its own locator, each receiver by itself on one thread.
 
     So many train at the same time and each has a price. Receivers that train alike are trained once.
@@ -75,11 +76,11 @@ def train_plans(
         plans: the studies.
         workers: who does it; here too on one thread.
         store: has what was trained before, and keeps what is trained now.
-        progress: called with whether a receiver is trained now, or was before, and with the share of its
-            training that was done since the last call.
+        progress: called with the share of a receiver's training that was done since the last call.
 
     Returns:
-        The training of each plan. ``making`` says what each receiver took.
+        The training of each plan, whose ``making`` says what each receiver took; and how many receivers were
+        trained now.
 
     Raises:
         VoccError: as :func:`train`, or a worker that was ended from outside.
@@ -92,7 +93,7 @@ def train_plans(
     for key, part in parts.items():
         if (stored := find(store, key, part)) is not None:
             trained[key] = stored
-            progress(False, 1.0)
+            progress(1.0)
     # The longest training begins first.
     missing = [key for key in parts if key not in trained]
     longest = sorted(missing, key=lambda key: -_panels(parts[key]))
@@ -101,19 +102,20 @@ def train_plans(
     def tell(share: float) -> None:
         nonlocal told
         told += share
-        progress(True, share)
+        progress(share)
 
-    def here(part: Plan) -> Training:
-        return train_part(part, tell)
-
+    here = partial(train_part, progress=tell)
     coming = workers.map(train_part, [parts[key] for key in longest], here)
     for key, training in zip(longest, coming, strict=True):
         trained[key] = training
         # A receiver that was trained in another process has told nothing.
-        progress(True, 1 - told)
+        progress(1 - told)
         told = 0.0
         keep(store, key, parts[key], training)
-    return [Training.joined([trained[key] for key in keys]) for keys in parts_of_plans]
+    joined = [
+        Training.joined([trained[key] for key in keys]) for keys in parts_of_plans
+    ]
+    return joined, len(longest)
 
 
 def _panels(plan: Plan) -> int:

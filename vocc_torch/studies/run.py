@@ -90,17 +90,11 @@ class Run:
         """
         missing = {training_key(plan): plan for plan in plans}
         learners = sum(1 + len(plan.receiver.classifiers) for plan in missing.values())
-        trained_now = list[bool]()
         with self.stage(name, learners) as advance:
-
-            def learnt(is_new: bool, share: float) -> None:
-                trained_now.append(is_new)
-                advance(share)
-
-            trained = kept_training.train_plans(
-                list(missing.values()), self.pool, self.store, learnt
+            trained, trained_now = kept_training.train_plans(
+                list(missing.values()), self.pool, self.store, advance
             )
-        if not any(trained_now):
+        if not trained_now:
             run_folder.say(self.console, "resuming: the receivers are trained already")
         self._trainings |= zip(missing, trained, strict=True)
 

@@ -115,6 +115,8 @@ class Summary:
 
     def doubts(self, receiver: Receiver) -> list[str]:
         """Say what makes the bits doubtful."""
+        if not (self.doubtful or self.alike or self.strange):
+            return []
         return self._said("doubts", receiver=receiver)
 
     def _said(self, template: str, **values: object) -> list[str]:

@@ -67,7 +67,9 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
             )
         tables = [folder / shard.place / truth.NAME for shard in shards]
         truth.write_truth(folder / truth.NAME, tables)
-        truth.write_coco(folder / "coco.json", tables, simulator.panel.shape)
+        truth.write_coco(
+            folder / "coco.json", folder / truth.NAME, simulator.panel.shape
+        )
     console.print(f"{config.frames * len(scenes)} frames", highlight=False)
     places = {
         "frames": FRAMES,

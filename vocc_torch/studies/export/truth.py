@@ -81,17 +81,16 @@ def rows_of(
         )
 
 
-def read_truth(files: Sequence[Path]) -> Iterator[dict[str, Any]]:
-    """Read the rows of some tables one after the other, as numbers but for :data:`WORDS`."""
-    for path in files:
-        with path.open(newline="", encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                numbers = {
-                    name: json.loads(row[name] or "null")
-                    for name in COLUMNS
-                    if name not in WORDS
-                }
-                yield row | numbers
+def read_truth(path: Path) -> Iterator[dict[str, Any]]:
+    """Read the rows of a table, as numbers but for :data:`WORDS`."""
+    with path.open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            numbers = {
+                name: json.loads(row[name] or "null")
+                for name in COLUMNS
+                if name not in WORDS
+            }
+            yield row | numbers
 
 
 def write_truth(path: Path, files: Sequence[Path]) -> None:
@@ -106,14 +105,14 @@ def write_truth(path: Path, files: Sequence[Path]) -> None:
     write_rows(path, lines())
 
 
-def write_coco(path: Path, files: Sequence[Path], shape: PanelShape) -> None:
+def write_coco(path: Path, table: Path, shape: PanelShape) -> None:
     """Write all frames as one COCO file with keypoints, a frame in memory at a time.
 
     A corner outside the picture has visibility 0; boxes and outlines end where the picture does.
 
     Args:
         path: the file, replaced whole.
-        files: the shards' tables.
+        table: the truth of all frames.
         shape: rows and columns of the panel.
     """
     category = {
@@ -132,7 +131,7 @@ def write_coco(path: Path, files: Sequence[Path], shape: PanelShape) -> None:
         for name, build in (("images", image_of), ("annotations", annotation_of)):
             file.write(f',\n"{name}": [')
             every = (
-                build(number, row) for number, row in enumerate(read_truth(files), 1)
+                build(number, row) for number, row in enumerate(read_truth(table), 1)
             )
             for index, item in enumerate(item for item in every if item is not None):
                 file.write(f"{',' * (index > 0)}\n{json.dumps(item)}")
