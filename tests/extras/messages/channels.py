@@ -30,9 +30,7 @@ def seen(film, ratio, draws, *, ber=0.02, drift=0.0, begin=None, end=None, fault
     return llr.astype(np.float32), times, np.arange(len(times)) / ratio
 
 
-def through(reception, llr, stamps, batch=64):
-    """All packets of a reception."""
-    got = []
+def parts(llr, stamps, batch=64):
+    """Soft values and times of frames, some at a time."""
     for at in range(0, len(llr), batch):
-        got += reception.push(llr[at : at + batch], list(stamps[at : at + batch]))
-    return got + list(reception.finish())
+        yield llr[at : at + batch], list(stamps[at : at + batch])

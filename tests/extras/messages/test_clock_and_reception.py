@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from channels import seen, through
+from channels import parts, seen
 
 from vocc_torch.extras.messages.clock import SymbolClock
 from vocc_torch.extras.messages.combine import judged
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Assembly
-from vocc_torch.extras.messages.reception import Reception, film_of
+from vocc_torch.extras.messages.reception import film_of
+from vocc_torch.extras.messages.reception import received as receive
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.hardware import PanelShape
 
@@ -42,12 +43,9 @@ def test_the_clock_finds_every_symbol_and_none_twice(ratio, drift, timed):
     draws, layout = np.random.default_rng(3), Layout(PLAN)
     for _ in range(1 if ratio < 3 else 2):
         llr, times, stamps = seen(FILM, ratio, draws, drift=drift)
-        clock, said = SymbolClock(layout), []
-        for at in range(0, len(llr), 100):
-            own = [stamp / 100 if timed else None for stamp in stamps[at : at + 100]]
-            if (ticks := clock.push(llr[at : at + 100], own)) is not None:
-                said.append(ticks.symbol)
-        bands = np.concatenate([*said, clock.finish().symbol])
+        own = [stamp / 100 if timed else None for stamp in stamps]
+        settled = SymbolClock(layout).ticks(parts(llr, own, 100))
+        bands = np.concatenate([ticks.symbol for ticks in settled])
         first, last = np.floor(times).astype(int), np.floor(times + 0.1).astype(int)
         assert len(bands) == len(times)
         assert (bands[0] % 128 == first[0] % 128).all() or (
@@ -75,9 +73,8 @@ def test_frames_beside_a_gap_are_believed_only_where_the_sync_cells_place_them(s
         llr, times, stamps = seen(
             FILM[:150], 2.4, np.random.default_rng(begin), faults=gaps, begin=0.0
         )
-        clock = SymbolClock(Layout(PLAN))
-        clock.push(llr, stamps[: len(llr)] / 100)  # the stamps know nothing of the gaps
-        ticks = clock.finish()
+        # The stamps know nothing of the gaps.
+        (ticks,) = SymbolClock(Layout(PLAN)).ticks([(llr, stamps[: len(llr)] / 100)])
         believed, off = ticks.agreement.any(axis=1), np.abs(ticks.symbol[:, 0] - times)
         assert off[-60:].max() < 2
         astray += int((off[believed] > 2).sum())
@@ -99,13 +96,13 @@ def repeated(times, draws):
 
 
 def received(llr, stamps, plan=PLAN):
-    reception = Reception(plan)
-    assembly = Assembly(reception.layout.code.info_bytes - 16)
-    got = through(reception, llr, stamps / 100)
+    layout = Layout(plan)
+    assembly = Assembly(layout.code.info_bytes - 16)
+    got = [*receive(layout, parts(llr, stamps / 100))]
     for received_packet in got:
         if received_packet.packet:
             assembly.add(received_packet.packet)
-    return assembly, got, reception
+    return assembly, got, layout
 
 
 @pytest.mark.parametrize("faults", [dropped, slowly(repeated), slowly(None)])
@@ -118,8 +115,7 @@ def test_the_message_arrives_through_faulty_recordings(faults):
         for received_packet in assembly.messages
         if received_packet.complete
     ] == [MESSAGE]
-    clock = SymbolClock(Layout(PLAN))
-    ticks = clock.push(llr, list(stamps / 100)), clock.finish()
+    ticks = SymbolClock(Layout(PLAN)).ticks([(llr, list(stamps / 100))])
     weights = np.concatenate([judged(one.agreement) for one in ticks])
     assert 0.02 < (weights < 1).mean() < 0.3
 
@@ -140,14 +136,14 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
     begin, end
 ):
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(5), begin=begin, end=end)
-    assembly, got, reception = received(llr, stamps)
+    assembly, got, layout = received(llr, stamps)
     blocks = [
         b
         for b in range(len(FILM) // 128)
         if begin <= 128 * b + 1 and 128 * (b + 1) <= end + 1
     ]
     expected = {4 * block + place for block in blocks for place in range(4)}
-    count = -(-len(MESSAGE) // (reception.layout.code.info_bytes - 16))
+    count = -(-len(MESSAGE) // (layout.code.info_bytes - 16))
     (message,) = assembly.messages
     assert expected - {*range(count, 99)} <= set(message.parts)
     assert message.complete == (len(message.parts) == count)

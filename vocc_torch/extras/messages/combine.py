@@ -1,7 +1,6 @@
 """From soft values of camera frames to blocks of symbols: the frames of a symbol add up."""
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from vocc_torch.arrays import Singles
-from vocc_torch.extras.messages.clock import SymbolClock, Ticks
+from vocc_torch.extras.messages.clock import Frames, SymbolClock, Ticks
 from vocc_torch.extras.messages.layout import Layout
 
 MIXED_SHARE = 0.3
@@ -30,9 +29,6 @@ WORTH_RANGE = (0.01, 4.0)
 
 WEAK = 0.1
 """What a band counts whose clock cell does not agree, in a frame that does."""
-
-HARDLY = 0.9
-"""Share of a block without any frame from which on it is no block, but the begin or end of a recording."""
 
 
 @dataclass(frozen=True)
@@ -82,68 +78,44 @@ class Block:
         return float(found.x)
 
 
-class Combiner:
-    """Adds the frames of each symbol up, and gives blocks that are over; it never holds more than three.
+def blocks_of(layout: Layout, recording: Iterable[Frames]) -> Iterator[Block]:
+    """Add the frames of each symbol up, and give blocks as they are over; never more than three are held.
 
     Args:
         layout: where the known cells are, and what they show.
+        recording: its frames, some at a time.
 
     Example:
         >>> from vocc_torch.extras.messages.signalling import MessagePlan, PanelShape, Signalling
         >>> layout = Layout(MessagePlan(PanelShape(8, 8), Signalling()))
-        >>> combiner, seen = Combiner(layout), 5.0 * layout.known.repeat(2, axis=0)  # two frames a symbol
-        >>> blocks = [*combiner.push(seen, [None] * 256), *combiner.finish()]
+        >>> seen = 5.0 * layout.known.repeat(2, axis=0)  # two frames a symbol
+        >>> blocks = [*blocks_of(layout, [(seen, [None] * 256)])]
         >>> [(block.number, float(block.counts.mean())) for block in blocks]
         [(0, 2.0)]
     """
+    begun: dict[int, Block] = {}
+    for ticks in SymbolClock(layout).ticks(recording):
+        _add(ticks, layout, begun)
+        last = int(ticks.symbol[-1].min()) // layout.symbols
+        yield from [begun.pop(number) for number in sorted(begun) if number < last]
+    yield from [begun[number] for number in sorted(begun)]
 
-    def __init__(self, layout: Layout) -> None:
-        self.layout, self.clock = layout, SymbolClock(layout)
-        self._open: dict[int, Block] = {}
 
-    def push(self, llr: Singles, times_s: Sequence[float | None]) -> Iterator[Block]:
-        """Take frames in and give the blocks that are over.
-
-        Args:
-            llr: (F,R,C) log-likelihood ratios, log P(On) / P(Off); zeros for a frame that shows no panel.
-            times_s: when each was taken, s, or None.
-        """
-        if (ticks := self.clock.push(llr, times_s)) is not None:
-            yield from self._over(self._combined(ticks))
-
-    def finish(self) -> Iterator[Block]:
-        """Give what is left."""
-        if (ticks := self.clock.finish()) is not None:
-            self._combined(ticks)
-        yield from self._over(math.inf)
-
-    def _combined(self, ticks: Ticks) -> int:
-        """Add settled frames to their symbols, and give the block of the last one."""
-        layout, rows = self.layout, self.layout.band_of_row
-        weights = judged(ticks.agreement)
-        blocks, symbols = np.divmod(ticks.symbol, layout.symbols)
-        for number in np.unique(blocks).tolist():
-            here = blocks == number
-            if number not in self._open:
-                begun = ticks.times_s[int(here.any(axis=1).argmax())]
-                sums = np.zeros((layout.symbols, *layout.kind.shape), dtype=np.float32)
-                counts = np.zeros((layout.symbols, layout.bands), dtype=np.int32)
-                self._open[number] = Block(number, begun, sums, counts)
-            block, weight = self._open[number], np.where(here, weights, 0)
-            np.add.at(block.counts, (symbols, np.arange(layout.bands)), weight > 0)
-            part, places = np.zeros_like(block.sums), np.arange(len(rows))
-            weighted = ticks.llr * weight[:, rows, None]
-            np.add.at(part, (symbols[:, rows], places), weighted)
-            block.sums[:] += part
-        return int(blocks[-1].min())
-
-    def _over(self, before: float) -> Iterator[Block]:
-        """Give the blocks before one; those of hardly any frame are none."""
-        for number in sorted(self._open):
-            if number < before:
-                block = self._open.pop(number)
-                if (block.counts == 0).mean() <= HARDLY:
-                    yield block
+def _add(ticks: Ticks, layout: Layout, begun: dict[int, Block]) -> None:
+    """Add settled frames to the symbols of their blocks, which begin here."""
+    weights, rows = judged(ticks.agreement), layout.band_of_row
+    blocks, symbols = np.divmod(ticks.symbol, layout.symbols)
+    for number in np.unique(blocks).tolist():
+        here = blocks == number
+        if number not in begun:
+            time_s = ticks.times_s[int(here.any(axis=1).argmax())]
+            sums = np.zeros((layout.symbols, *layout.kind.shape), dtype=np.float32)
+            counts = np.zeros((layout.symbols, layout.bands), dtype=np.int32)
+            begun[number] = Block(number, time_s, sums, counts)
+        block, weight = begun[number], np.where(here, weights, 0)
+        np.add.at(block.counts, (symbols, np.arange(layout.bands)), weight > 0)
+        weighted = ticks.llr * weight[:, rows, None]
+        np.add.at(block.sums, (symbols[:, rows], np.arange(len(rows))), weighted)
 
 
 def judged(agreement: Singles) -> Singles:

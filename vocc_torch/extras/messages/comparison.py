@@ -11,7 +11,8 @@ import torch
 
 from vocc_torch.arrays import Bools
 from vocc_torch.errors import VoccError
-from vocc_torch.extras.messages.combine import Block, Combiner
+from vocc_torch.extras.messages.clock import Frames
+from vocc_torch.extras.messages.combine import Block, blocks_of
 from vocc_torch.extras.messages.config import AXES, MessagesConfig
 from vocc_torch.extras.messages.front import Front
 from vocc_torch.extras.messages.layout import Layout
@@ -67,14 +68,11 @@ class RecordingJob:
     @property
     def model(self) -> SceneModel:
         """The scenes of the point."""
-        scene = narrowed(self.plan.world.scene, self.plan.experiment.scene)
-        scene = narrowed(
-            scene, {"distance_m": self.config.at_distance_m}, "messages.at"
-        )
-        varied = (
-            {} if self.place.axis == "ratio" else {self.place.axis: self.place.value}
-        )
-        return narrowed(scene, varied, "messages")
+        changes = dict(self.plan.experiment.scene)
+        changes["distance_m"] = self.config.at_distance_m
+        if self.place.axis != "ratio":
+            changes[self.place.axis] = self.place.value
+        return narrowed(self.plan.world.scene, changes, "messages")
 
     @property
     def ratio(self) -> float:
@@ -197,8 +195,7 @@ def recorded(job: RecordingJob) -> list[Carried]:
     film = np.tile(shown, (config.blocks, 1, 1))
     fronts = {name: Front(receiver) for name, receiver in job.receivers.items()}
     leader = next(iter(fronts.values()))
-    combiners = {name: Combiner(base) for name in fronts}
-    blocks: dict[str, list[Block]] = {name: [] for name in fronts}
+    read: dict[str, list[Frames]] = {name: [] for name in fronts}
     wrong, taken = dict.fromkeys(fronts, 0), 0
     scene, fps = job.model.draw(key, shape)[0][:1], job.ratio * rate_hz
     take = Take(plan, config.record, scene, film, fps, rate_hz, key)
@@ -211,13 +208,10 @@ def recorded(job: RecordingJob) -> list[Carried]:
             with torch.inference_mode():
                 frames, corners = leader.locate([*part.frames.grey[:, 0].cpu().numpy()])
                 for name, front in fronts.items():
-                    reading = front.read(frames, corners)
-                    bits = front.values(*reading, "hard") >= 0
-                    wrong[name] += int((bits != truth).sum())
-                    values = front.values(*reading, "scores")
-                    blocks[name] += combiners[name].push(values, stamps)
-    for name, combiner in combiners.items():
-        blocks[name] += combiner.finish()
+                    values = front.values(*front.read(frames, corners), "scores")
+                    wrong[name] += int(((values >= 0) != truth).sum())
+                    read[name].append((values, stamps))
+    blocks = {name: [*blocks_of(base, parts)] for name, parts in read.items()}
     results = []
     for variant in variants_of(plan, config):
         options = config.options(variant.code)

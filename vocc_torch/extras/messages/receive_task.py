@@ -1,16 +1,18 @@
 """``task=receive``: a recording in, the message out, or the parts of it that a checksum vouches for."""
 
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 from pathlib import Path
 
 from vocc_torch.errors import VoccError
+from vocc_torch.extras.messages.clock import Frames
 from vocc_torch.extras.messages.config import PLAN, ReceiveConfig
 from vocc_torch.extras.messages.front import Front
-from vocc_torch.extras.messages.packets import Assembly, Packet, payload_bytes
-from vocc_torch.extras.messages.reception import COLUMNS, Received, Reception
+from vocc_torch.extras.messages.layout import Layout
+from vocc_torch.extras.messages.packets import Assembly, payload_bytes
+from vocc_torch.extras.messages.reception import COLUMNS, Received, received
 from vocc_torch.extras.messages.record_task import with_panel_of
 from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.files import write_atomically
@@ -35,7 +37,7 @@ BATCH_PIXELS = 64_000_000
 """Most pixels of them."""
 
 MOST_NAMED = 12
-"""Ranges of missing packets that a refusal names, and incomplete messages that are written."""
+"""Incomplete messages that are written."""
 
 NEAREST_LEDS_PX = 2.0
 """LEDs nearer to each other than this share their pixels: the camera's sampling limit."""
@@ -51,31 +53,48 @@ MISSING_COLUMNS = (
 """Columns of ``missing.csv``."""
 
 
-def receive(
-    reception: Reception,
+def soft_values(
     front: Front,
     recording: Iterable[RecordedFrame],
-    fps: float | None = None,
-) -> Iterator[Received]:
-    """Receive a recording packet by packet, in constant memory.
+    fps: float | None,
+    ends_s: list[float],
+    failures: list[str],
+) -> Iterator[Frames]:
+    """Read a recording, batch by batch; an interruption ends it.
 
     Args:
-        reception: finds the packets.
         front: follows the panel.
         recording: the frames.
         fps: frames a second, or None for the recording's own times.
+        ends_s: takes when the first and the last frame were taken, where that is known.
+        failures: takes the interruption.
     """
     number, parts = count(), batches(recording, BATCH_FRAMES, BATCH_PIXELS)
-    # The next frames are decoded while these are read.
-    with ThreadPoolExecutor(1) as beside:
-        coming = beside.submit(next, parts, None)
-        while batch := coming.result():
+    try:
+        # The next frames are decoded while these are read.
+        with ThreadPoolExecutor(1) as beside:
             coming = beside.submit(next, parts, None)
-            times = [
-                frame.time_s if fps is None else next(number) / fps for frame in batch
-            ]
-            yield from reception.push(front([frame.grey for frame in batch]), times)
-    yield from reception.finish()
+            while batch := coming.result():
+                coming = beside.submit(next, parts, None)
+                if fps is None:
+                    times_s = [frame.time_s for frame in batch]
+                else:
+                    times_s = [next(number) / fps for _ in batch]
+                ends_s += [time_s for time_s in times_s if time_s is not None]
+                del ends_s[1:-1]
+                yield front([frame.grey for frame in batch]), times_s
+    except KeyboardInterrupt:  # what arrived until then is written
+        failures.append(f"interrupted after {front.frames} frames")
+
+
+def packets_sent(
+    layout: Layout, packets: Sequence[Received], ends_s: Sequence[float]
+) -> int:
+    """Count the packets that a recording has time for; without time stamps those of the received blocks."""
+    if not ends_s:
+        return len({packet.block for packet in packets}) * layout.packets
+    symbols = (ends_s[-1] - ends_s[0]) * layout.plan.signalling.symbol_rate_hz
+    return max(1, round(symbols / layout.symbols)) * layout.packets
 
 
 def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None:
@@ -90,9 +109,9 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     console = Console()
     beside = (source if source.is_dir() else source.parent) / PLAN
     plan = MessagePlan.read(beside if config.plan is None else Path(config.plan))
-    reception = Reception(plan)
-    assembly = Assembly(payload_bytes(reception.layout.code.info_bytes))
-    failures: list[str] = []
+    layout = Layout(plan)
+    assembly = Assembly(payload_bytes(layout.code.info_bytes))
+    failures, ends_s = list[str](), list[float]()
     recording = readable(
         read_recording(source, config.channel, grey_only=True), failures
     )
@@ -100,27 +119,18 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     # The panel is followed, so its corners are surer than those of single frames.
     receiver = receiver_of(settings, build_plan(settings), at_truth=True)
     front = Front(receiver, config.locate_every, config.soft, config.follow)
-    rows: list[run_folder.Cells] = [COLUMNS]
-    arrived: list[Packet] = []
-
-    def take(packets: Iterable[Received]) -> None:
-        for packet in packets:
-            rows.append(packet.row())
-            if packet.packet is not None:
-                arrived.append(packet.packet)
-                assembly.add(packet.packet)
-
-    try:
-        # The other cores decode: torch's threads would spin there.
-        with timing.threads(1), ProgressView(expected_frames(source), console) as view:
-            frames = view.counted(recording, "receiving")
-            take(receive(reception, front, frames, config.fps))
-    except KeyboardInterrupt:  # what arrived until then is written
-        failures.append(f"interrupted after {front.frames} frames")
-        take(reception.finish())
-    run_folder.write_rows(folder / "report.csv", rows)
+    # The other cores decode: torch's threads would spin there.
+    with timing.threads(1), ProgressView(expected_frames(source), console) as view:
+        frames = view.counted(recording, "receiving")
+        values = soft_values(front, frames, config.fps, ends_s, failures)
+        packets = [*received(layout, values)]
+    rows = [packet.row() for packet in packets]
+    run_folder.write_rows(folder / "report.csv", [COLUMNS, *rows])
+    arrived = [packet.packet for packet in packets if packet.packet is not None]
+    for packet in arrived:
+        assembly.add(packet)
     write_receiver(settings, receiver, folder)
-    sent = reception.packets_sent
+    sent = packets_sent(layout, packets, ends_s)
     summary = (
         f"{len(arrived)} of {sent} packets arrived in {front.frames} frames; "
         f"the panel was found in {front.found} of {front.looked} frames that were searched"
@@ -159,31 +169,20 @@ def write_messages(assembly: Assembly, folder: Path) -> list[tuple[str, str]]:
     Returns:
         What was written and the name of its file.
     """
-    messages = assembly.messages
-    if complete := [message for message in messages if message.complete]:
-        places = [("message", f"message{suffix(n)}.bin") for n in range(len(complete))]
-        for message, (_, name) in zip(complete, places, strict=True):
-            write_atomically(folder / name, message.content)
-        return places
+    complete = [message for message in assembly.messages if message.complete]
     places, gaps = [], list[run_folder.Cells]()
-    for n, message in enumerate(messages[:MOST_NAMED]):
-        places.append(("part", f"message{suffix(n)}.partial"))
+    for n, message in enumerate(complete or assembly.messages[:MOST_NAMED]):
+        kind, ending = ("message", "bin") if complete else ("part", "partial")
+        number = f"_{n + 1}" if n else ""
+        places.append((kind, f"message{number}.{ending}"))
         write_atomically(folder / places[-1][1], message.content)
         for first, last in message.gaps:
             end = min(message.length, (last + 1) * message.payload)
             gaps.append((n + 1, first, last, first * message.payload, end))
-    run_folder.write_rows(folder / "missing.csv", [MISSING_COLUMNS, *gaps])
-    return [*places, ("missing", "missing.csv")]
-
-
-def suffix(number: int) -> str:
-    """Name the files of several messages.
-
-    Example:
-        >>> suffix(0), suffix(1)
-        ('', '_2')
-    """
-    return f"_{number + 1}" if number else ""
+    if not complete:
+        run_folder.write_rows(folder / "missing.csv", [MISSING_COLUMNS, *gaps])
+        places.append(("missing", "missing.csv"))
+    return places
 
 
 def doubts(assembly: Assembly) -> Iterator[str]:
@@ -204,16 +203,16 @@ def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
     """Say in words why there is no message, and which packets are missing.
 
     Args:
-        assembly: the packets.
-        sent: packets that the recording has time for.
-        led_pitch_px: between neighbouring LEDs, px, or None where no panel was found.
+            assembly: the packets.
+            sent: packets that the recording has time for.
+            led_pitch_px: between neighbouring LEDs, px, or None where no panel was found.
 
     Example:
         >>> from vocc_torch.extras.messages.packets import Message
         >>> some = Assembly(2)
         >>> some.by_message[14, 0] = Message(14, 0, 2, {0: b"12", 3: b"12", 4: b"12"})
         >>> lost(some, 7, None)
-        'of 7 packets of the message 4 are missing (1-2, 5-6): message.partial has the others'
+        'of 7 packets of the message 4 are missing: missing.csv names them, message.partial has the others'
     """
     if not assembly.messages:
         if led_pitch_px is not None and led_pitch_px < NEAREST_LEDS_PX:
@@ -226,13 +225,8 @@ def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
     message = assembly.messages[0]
     if not message.gaps:
         return "all packets arrived, but the message's own checksum does not fit: message.partial has them"
-    named = [str(a) if a == b else f"{a}-{b}" for a, b in message.gaps[:MOST_NAMED]]
-    further = len(message.gaps) - len(named)
-    places = ", ".join(named) + f" and {further} more places" * (further > 0)
     missing = message.packets - len(message.parts)
-    refusal = (
-        f"of {message.packets} packets of the message {missing} are missing ({places})"
-    )
+    refusal = f"of {message.packets} packets of the message {missing} are missing"
     if message.packets > sent:
         refusal += f", more than the {sent} that the recording has time for"
-    return f"{refusal}: message.partial has the others"
+    return f"{refusal}: missing.csv names them, message.partial has the others"

@@ -1,19 +1,23 @@
 """From soft values of camera frames to packets: blocks are decoded and checked."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
 
-from vocc_torch.arrays import Bools, Singles
-from vocc_torch.extras.messages.combine import Block, Combiner
+from vocc_torch.arrays import Bools
+from vocc_torch.extras.messages.clock import Frames
+from vocc_torch.extras.messages.combine import Block, blocks_of
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Packet, packed, unpacked
 from vocc_torch.extras.messages.signalling import MessagePlan
 
 UNSEEN = 0.1
 """Share of a packet's bits that no frame showed clearly, from which on it is the reason of a loss."""
+
+HARDLY = 0.9
+"""Share of a block without any frame from which on it is no block, but the begin or end of a recording."""
 
 COLUMNS = (
     "block",
@@ -94,52 +98,19 @@ def film_of(message: bytes, plan: MessagePlan) -> Bools:
     return np.concatenate([layout.write(block) for block in blocks])
 
 
-class Reception:
-    """Receives a message from a stream of soft values, in constant memory.
-
-    Args:
-        plan: how the message was written.
+def received(layout: Layout, recording: Iterable[Frames]) -> Iterator[Received]:
+    """Receive packets from a stream of soft values, in constant memory.
 
     Example:
         >>> from vocc_torch.extras.messages.signalling import PanelShape, Signalling
         >>> plan = MessagePlan(PanelShape(8, 8), Signalling(code="none"))
         >>> seen = film_of(b"hello", plan).repeat(2, axis=0) * 12.0 - 6.0
-        >>> reception = Reception(plan)
-        >>> got = [*reception.push(seen, [None] * len(seen)), *reception.finish()]
-        >>> [received.packet.payload for received in got if received.packet][0]
+        >>> got = received(Layout(plan), [(seen, [None] * len(seen))])
+        >>> [packet.packet.payload for packet in got if packet.packet][0]
         b'hello'
     """
-
-    def __init__(self, plan: MessagePlan) -> None:
-        self.layout = Layout(plan)
-        self.combiner = Combiner(self.layout)
-        self._blocks: set[int] = set()
-        self._times_s: list[float] = []
-
-    @property
-    def packets_sent(self) -> int:
-        """Packets that the duration of the recording allows; without time stamps those of the received blocks."""
-        if not self._times_s:
-            return len(self._blocks) * self.layout.packets
-        seconds = self._times_s[-1] - self._times_s[0]
-        symbols = seconds * self.layout.plan.signalling.symbol_rate_hz
-        return max(1, round(symbols / self.layout.symbols)) * self.layout.packets
-
-    def push(self, llr: Singles, times_s: Sequence[float | None]) -> Iterator[Received]:
-        """Take frames in and give the packets of blocks that are over, as :meth:`Combiner.push` does."""
-        self._times_s += [time_s for time_s in times_s if time_s is not None]
-        del self._times_s[1:-1]
-        yield from self._decoded(self.combiner.push(llr, times_s))
-
-    def finish(self) -> Iterator[Received]:
-        """Give the packets of what is left."""
-        yield from self._decoded(self.combiner.finish())
-
-    def _decoded(self, blocks: Iterator[Block]) -> Iterator[Received]:
-        """Decode blocks and count them."""
-        for block in blocks:
-            self._blocks.add(block.number)
-            yield from decoded(block, self.layout)
+    for block in blocks_of(layout, recording):
+        yield from decoded(block, layout)
 
 
 def decoded(block: Block, layout: Layout) -> Iterator[Received]:
@@ -149,6 +120,8 @@ def decoded(block: Block, layout: Layout) -> Iterator[Received]:
         block: what its frames show.
         layout: where its packets are, and their code.
     """
+    if (block.counts == 0).mean() > HARDLY:
+        return
     words = layout.read(block.ratios(layout))
     counts = block.counts[:, layout.band_of_row, None].repeat(
         layout.kind.shape[1], axis=2
