@@ -6,8 +6,6 @@ import torch
 
 from vocc_torch.extras.messages.comparison import (
     Carried,
-    SweepPoint,
-    Variant,
     counted,
 )
 from vocc_torch.extras.messages.front import Front
@@ -72,10 +70,8 @@ def test_a_recording_is_read_from_the_first_frame_that_shows_the_panel(receiver)
 
 
 def test_packets_are_counted_by_recording():
-    variant, place = Variant("a", "ldpc-0.5"), SweepPoint("distance_m", 50.0)
     each = [
-        Carried(place, variant, counted(n, 4), counted(n, 4), 3.2, 9, n)
-        for n in (0, 4, 4, 1, 0, 0)
+        Carried(counted(n, 4), counted(n, 4), 3.2, 9, n) for n in (0, 4, 4, 1, 0, 0)
     ]
     carried = sum(each[1:], each[0])
     total = Counts(6, 24, 18, 132, 3)

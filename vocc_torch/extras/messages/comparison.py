@@ -33,18 +33,13 @@ from vocc_torch.simulation.recording import NoFrameLeftError
 from vocc_torch.simulation.scene import narrowed
 
 
-class Variant(NamedTuple):
-    """What carries a message: a receiver and a code."""
-
-    receiver: str
-    code: str
-
-
-class SweepPoint(NamedTuple):
-    """A point: the quantity that varies, and its value."""
+class Place(NamedTuple):
+    """A point of one receiver and one code: the quantity that varies, its value, and what carries messages."""
 
     axis: str
     value: float
+    receiver: str
+    code: str
 
 
 @dataclass(frozen=True)
@@ -54,14 +49,16 @@ class RecordingJob:
     Args:
         plan: world, seed and batch size.
         config: what is sent.
-        place: the point.
+        axis: the quantity that varies.
+        value: of it.
         number: of the recording at that point.
         receivers: by name; the first one's locator follows the panel for all.
     """
 
     plan: Plan
     config: MessagesConfig
-    place: SweepPoint
+    axis: str
+    value: float
     number: int
     receivers: Mapping[str, Receiver]
 
@@ -70,23 +67,21 @@ class RecordingJob:
         """The scenes of the point."""
         changes = dict(self.plan.experiment.scene)
         changes["distance_m"] = self.config.at_distance_m
-        if self.place.axis != "ratio":
-            changes[self.place.axis] = self.place.value
+        if self.axis != "ratio":
+            changes[self.axis] = self.value
         return narrowed(self.plan.world.scene, changes, "messages")
 
     @property
     def ratio(self) -> float:
         """Frames of the camera a symbol."""
-        return self.place.value if self.place.axis == "ratio" else self.config.at_ratio
+        return self.value if self.axis == "ratio" else self.config.at_ratio
 
 
 @dataclass(frozen=True)
 class Carried:
-    """What one variant carried at one point, in one recording or in several.
+    """What one code carried to one receiver at one point, in one recording or in several.
 
     Args:
-        place: the point.
-        variant: what carried it.
         lost: packets lost, of those sent, by recording: the counts' frames are recordings, its bits packets.
         raw: wrong bits of single frames, likewise by recording.
         kbit_s: of packets sent.
@@ -94,8 +89,6 @@ class Carried:
         false: packets whose checksum is right and which nobody sent.
     """
 
-    place: SweepPoint
-    variant: Variant
     lost: Counts
     raw: Counts
     kbit_s: float
@@ -134,32 +127,27 @@ def counted(errors: int, of: int) -> Counts:
     return Counts(1, of, 2 * errors, 4 * errors * errors, int(errors > 0))
 
 
-def variants_of(plan: Plan, config: MessagesConfig) -> list[Variant]:
-    """Name all that is compared.
+def demand_no_preambles(names: Sequence[str]) -> None:
+    """Refuse a receiver that needs preambles, of which a message has none.
 
     Raises:
-        VoccError: a receiver that needs preambles, of which a message has none.
+        VoccError: its name.
     """
-    if greyscale := [
-        name for name in plan.receiver.names if name in GREYSCALE_RECEIVERS
-    ]:
+    if greyscale := [name for name in names if name in GREYSCALE_RECEIVERS]:
         raise VoccError(
             f"receiver.names has {greyscale[0]}: it needs preambles, which messages do not send"
         )
-    return [Variant(*pair) for pair in product(plan.receiver.names, config.codes)]
 
 
 def jobs_of(
     plan: Plan, config: MessagesConfig, receivers: Mapping[str, Receiver]
 ) -> list[RecordingJob]:
     """List all recordings."""
-    places = [
-        SweepPoint(axis, value) for axis in AXES for value in getattr(config, axis)
-    ]
     return [
-        RecordingJob(plan, config, place, n, receivers)
-        for place in places
-        for n in range(config.recordings)
+        RecordingJob(plan, config, axis, value, number, receivers)
+        for axis in AXES
+        for value in getattr(config, axis)
+        for number in range(config.recordings)
     ]
 
 
@@ -177,15 +165,15 @@ def receivers_of(plan: Plan, training: Training) -> dict[str, Receiver]:
     return receivers
 
 
-def recorded(job: RecordingJob) -> list[Carried]:
+def recorded(job: RecordingJob) -> dict[Place, Carried]:
     """Take a recording, read it with every receiver and decode it as every code.
 
     One random block is shown over and over. For each code the scrambling is the one by which that block holds
     its packets, so all of them are compared on the same frames.
     """
-    config, plan, place = job.config, job.plan, job.place
+    config, plan = job.config, job.plan
     shape, rate_hz = plan.world.panel.shape, config.signalling.symbol_rate_hz
-    key = BlockKey(plan.seed, f"messages/{place.axis}={place.value:g}", job.number)
+    key = BlockKey(plan.seed, f"messages/{job.axis}={job.value:g}", job.number)
     base = Layout(MessagePlan(shape, config.options("none")))
     shown = base.write(
         key.generator("bits").integers(
@@ -212,16 +200,18 @@ def recorded(job: RecordingJob) -> list[Carried]:
                     wrong[name] += int(((values >= 0) != truth).sum())
                     read[name].append((values, stamps))
     blocks = {name: [*blocks_of(base, parts)] for name, parts in read.items()}
-    results = []
-    for variant in variants_of(plan, config):
-        options = config.options(variant.code)
-        layout = Layout(MessagePlan(shape, options))
+    results = {}
+    for receiver, code in product(read, config.codes):
+        layout = Layout(MessagePlan(shape, config.options(code)))
         sent, info_bytes = config.blocks * layout.packets, layout.code.info_bytes
-        arrived, false = packets_of(blocks[variant.receiver], layout, shown, key)
-        lost = counted(max(0, sent - arrived), sent)
-        raw = counted(wrong[variant.receiver], taken * shape.leds)
-        kbit_s = 8e-3 * payload_bytes(info_bytes) * sent / (len(film) / rate_hz)
-        results.append(Carried(place, variant, lost, raw, kbit_s, taken, false))
+        arrived, false = packets_of(blocks[receiver], layout, shown, key)
+        results[Place(job.axis, job.value, receiver, code)] = Carried(
+            counted(max(0, sent - arrived), sent),
+            counted(wrong[receiver], taken * shape.leds),
+            8e-3 * payload_bytes(info_bytes) * sent / (len(film) / rate_hz),
+            taken,
+            false,
+        )
     return results
 
 

@@ -1,19 +1,16 @@
 """``task=messages``: how far messages carry, by receiver and code; a table and a picture."""
 
-from collections.abc import Iterator, Sequence
-from functools import reduce
-from itertools import groupby
-from operator import add
+from collections.abc import Mapping
 from pathlib import Path
 
 from vocc_torch.errors import section
 from vocc_torch.extras.messages.comparison import (
     Carried,
-    SweepPoint,
+    Place,
+    demand_no_preambles,
     jobs_of,
     receivers_of,
     recorded,
-    variants_of,
 )
 from vocc_torch.extras.messages.config import MessagesConfig
 from vocc_torch.extras.messages.layout import Layout
@@ -22,35 +19,25 @@ from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.measure import executors, timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.train import train
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import plots, terminal
-from vocc_torch.report.styles import axis_label, rate_text, receiver_styles, value_text
+from vocc_torch.report.styles import axis_label, receiver_styles, value_text
+from vocc_torch.studies.compare.report import write_report
 
-COLUMNS = (
-    "axis",
-    "value",
-    "receiver",
-    "code",
-    "recordings",
-    "packets",
-    "lost",
-    "packet_error_rate",
-    "packet_error_low",
-    "packet_error_high",
-    "false_packets",
-    "raw_ber",
-    "raw_ber_low",
-    "raw_ber_high",
-    "kbit_s",
-    "kbit_s_low",
-    "kbit_s_high",
-    "best",
-    "frames",
-)
-"""Columns of ``messages.csv``."""
+TOLD = {
+    "axis": "",
+    "value": "",
+    "receiver": "receiver",
+    "code": "code",
+    "kbit_s": "kbit/s",
+    "raw_ber": "raw BER",
+    "false_packets": "false",
+}
+"""Columns of the terminal's table."""
+
+Results = Mapping[Place, Carried]
 
 
 def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> None:
@@ -62,7 +49,7 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     console = terminal.Console()
     plan = build_plan(settings).locating_with("truth")
     # Refused, as a code that is not installed, before anything is trained.
-    variants_of(plan, config)
+    demand_no_preambles(plan.receiver.names)
     for code in config.codes:
         rate = f"messages.codes has {code}, whose code_rate"
         with (
@@ -77,102 +64,64 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     run_folder.say(console, *terminal.trained_lines(training))
     receivers = receivers_of(build_plan(settings), training)
     jobs = jobs_of(plan, config, receivers)
-    results: list[Carried] = []
+    results: dict[Place, Carried] = {}
     pool = executors.Workers.of(settings)
     progress = terminal.ProgressView(len(jobs), console, "recordings")
     with progress as view, pool, timing.threads(1):
-        found = zip(jobs, pool.map(recorded, jobs), strict=True)
-        for place, same in groupby(found, key=lambda pair: pair[0].place):
-            recordings = []
-            for _, carried in same:
-                recordings.append(carried)
-                view.advance(f"{place.axis} {value_text(place.value)}", 1)
-            results += [reduce(add, of) for of in zip(*recordings, strict=True)]
-    run_folder.write_rows(folder / "messages.csv", [COLUMNS, *rows(results)])
+        for job, found in zip(jobs, pool.map(recorded, jobs), strict=True):
+            for place, carried in found.items():
+                before = results.get(place)
+                results[place] = carried if before is None else before + carried
+            view.advance(f"{job.axis} {value_text(job.value)}", 1)
     run_folder.write_config(settings, folder)
-    plots.save_figure(figure_of(results), folder / "messages.png")
-    run_folder.say(console, *summary(results))
-    places = {"table": "messages.csv", "figure": "messages.png"}
-    run_folder.print_places(console, folder, places.items())
+    rows = [row_of(place, results) for place in results]
+    best = [row for row in rows if row["best"]] or rows[:1]
+    terminal.print_rows(best, TOLD, "the code of most kbit/s of each point")
+    write_report(settings, folder, {"messages": rows}, {"messages": figure_of(results)})
 
 
-def best(results: Sequence[Carried]) -> list[Carried]:
-    """Give the results with the highest goodput of their place and receiver, if any."""
-    groups: dict[tuple[SweepPoint, str], list[Carried]] = {}
-    for result in results:
-        groups.setdefault((result.place, result.variant.receiver), []).append(result)
-    chosen = [
-        max(same, key=lambda carry: carry.goodput.value) for same in groups.values()
-    ]
-    return [result for result in chosen if result.goodput.value > 0]
+def row_of(place: Place, results: Results) -> terminal.TableRow:
+    """Give a row of ``messages.csv``."""
+    carried = results[place]
+    loss, rate = carried.loss, carried.goodput
+    rivals = (
+        other.goodput.value for at, other in results.items() if at[:3] == place[:3]
+    )
+    return {
+        **place._asdict(),
+        "recordings": carried.lost.frames,
+        "packets": carried.lost.bits,
+        "lost": carried.lost.bit_errors,
+        "packet_error_rate": loss.value,
+        "packet_error_low": loss.low,
+        "packet_error_high": loss.high,
+        "false_packets": carried.false,
+        "raw_ber": ber_interval(carried.raw) if carried.raw.bits else terminal.BLANK,
+        "kbit_s": rate,
+        "best": int(rate.value == max(rivals) > 0),
+        "frames": carried.frames,
+    }
 
 
-def cells(estimate: Estimate | None) -> list[str]:
-    """Write a value and the ends of its interval."""
-    if estimate is None:
-        return ["", "", ""]
-    return [f"{number:.4g}" for number in (estimate.value, estimate.low, estimate.high)]
-
-
-def rows(results: Sequence[Carried]) -> Iterator[run_folder.Cells]:
-    """Give the rows of ``messages.csv``."""
-    chosen = best(results)
-    for result in results:
-        raw = ber_interval(result.raw) if result.raw.bits else None
-        yield [
-            result.place.axis,
-            result.place.value,
-            result.variant.receiver,
-            result.variant.code,
-            result.lost.frames,
-            result.lost.bits,
-            int(result.lost.bit_errors),
-            *cells(result.loss),
-            result.false,
-            *cells(raw),
-            *cells(result.goodput),
-            int(result in chosen),
-            result.frames,
-        ]
-
-
-def summary(results: Sequence[Carried]) -> Iterator[str]:
-    """Say what arrives by the best code at each point."""
-    for result in best(results):
-        rate, place = result.goodput, result.place
-        yield (
-            f"{place.axis} {value_text(place.value)}: {rate.value:.2f} kbit/s ("
-            f"{rate.low:.2f} to {rate.high:.2f})"
-            f" by {' '.join(result.variant)}; raw bit error rate {rate_text(result.raw.ber)}"
-        )
-    if false := sum(result.false for result in results):
-        yield f"{false} packets with a right checksum were never sent"
-
-
-def figure_of(results: Sequence[Carried]) -> plots.Figure:
+def figure_of(results: Results) -> plots.Figure:
     """Draw the share of packets lost: a panel for each receiver and axis, a curve for each code."""
-    styles = receiver_styles(result.variant.code for result in results)
-    panels: dict[tuple[str, str], dict[str, list[Carried]]] = {}
-    for result in results:
-        codes = panels.setdefault((result.variant.receiver, result.place.axis), {})
-        codes.setdefault(result.variant.code, []).append(result)
+    styles = receiver_styles(place.code for place in results)
     drawn = []
-    for (receiver, axis), codes in panels.items():
-        curves = [
-            plots.Curve(
-                styles[code],
-                [result.place.value for result in line],
-                [result.loss for result in line],
-            )
-            for code, line in codes.items()
-        ]
+    for receiver, axis in dict.fromkeys((at.receiver, at.axis) for at in results):
+        curves = []
+        for code, style in styles.items():
+            line = [
+                at for at in results if at[::2] == (axis, receiver) and at.code == code
+            ]
+            values = [at.value for at in line]
+            curves.append(plots.Curve(style, values, [results[at].loss for at in line]))
         label = axis_label(axis)
         drawn.append(
             plots.Panel(curves, receiver, label, "Packets lost", y_scale="linear")
         )
-    count, packets = results[0].lost.frames, results[0].lost.bits
+    lost = next(iter(results.values())).lost
     return plots.curve_figure(
         drawn,
         "Packets lost",
-        f"{count} recordings a point, {packets} packets; bars: 95 % intervals over recordings",
+        f"{lost.frames} recordings a point, {lost.bits} packets; bars: 95 % intervals over recordings",
     )
