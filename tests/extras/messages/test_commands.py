@@ -244,10 +244,10 @@ def test_a_study_of_messages(tmp_path):
     assert lost == {40: {0}, 400: {int(rows[0]["packets"])}}
     assert {row["false_packets"] for row in rows} == {"0"}
     chosen = [
-        (row["value"], row["receiver"], row["code"])
+        (float(row["value"]), row["receiver"], row["code"])
         for row in rows
         if row["best"] == "1"
     ]
-    assert chosen == [("40.0", "flda_2", "none"), ("40.0", "flda_3", "none")]
+    assert chosen == [(40.0, "flda_2", "none"), (40.0, "flda_3", "none")]
     files = {path.name for path in (tmp_path / "out").iterdir()}
     assert files == {"messages.csv", "messages.png", "config.yaml"}
