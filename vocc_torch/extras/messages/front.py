@@ -25,7 +25,6 @@ class FrontSettings:
     steady: float = (
         0.2  # least part of its share of the way in each step: errors go to and fro
     )
-    corners: int = 3  # that must move so: a single look that errs makes one step
     around: float = 0.5  # share of the panel's extent that is read around it
     least_around_px: int = 16  # beyond that
     faded_share: float = 0.25  # of the usual contrast; a frame of less shows no panel
@@ -158,8 +157,8 @@ class Front:
             return False
         looks = torch.stack([*self._looks])
         cell = float((looks[-1, 1] - looks[-1, 0]).norm()) / self.receiver.shape.columns
-        way = looks[-1] - looks[0]
-        share = (looks.diff(dim=0) * way).sum(dim=2) / way.square().sum(dim=1)
-        steady = (share > SETTINGS.steady / (SETTINGS.remembered - 1)).all(dim=0)
-        moved = (way.norm(dim=1) > SETTINGS.moved_cells * cell) & steady
-        return int(moved.sum()) >= SETTINGS.corners
+        way = (looks[-1] - looks[0]).flatten()
+        share = looks.diff(dim=0).flatten(1) @ way / way.square().sum()
+        steady = bool((share > SETTINGS.steady / (SETTINGS.remembered - 1)).all())
+        # Half of the way of all four corners is that of one of them.
+        return steady and float(way.norm()) / 2 > SETTINGS.moved_cells * cell
