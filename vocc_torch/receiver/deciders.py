@@ -151,13 +151,12 @@ def bank_of(
     """
     demand_kind("flda", flda, FLDA)
     bank: dict[str, Decider] = {}
-    for name in check_receivers(names, tuple(plugged_in or ())):
+    learned = plugged_in or {}
+    for name in check_receivers(names, (*learned,)):
         if name in FLDA_FEATURES:
             bank[name] = FldaDecider(name, flda.select(feature_indices(name)))
-        elif name in GREYSCALE_RECEIVERS or plugged_in is None:
-            bank[name] = GreyDecider(name)
         else:
-            bank[name] = plugged_in[name]
+            bank[name] = learned[name] if name in learned else GreyDecider(name)
     return bank
 
 

@@ -44,16 +44,15 @@ SETTINGS = ResampleSettings()
 
 @lru_cache(maxsize=64)
 @torch.inference_mode(False)
-def corner_cells(shape: PanelShape, beyond: float = 0.0) -> Tensor:
-    """Return the cell coordinates of the corners, (4,2) float64, or of points ``beyond`` cells outside them.
+def corner_cells(shape: PanelShape) -> Tensor:
+    """Return the cell coordinates of the corners, (4,2) float64.
 
     Example:
         >>> corner_cells(PanelShape(4, 8)).tolist()
         [[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [0.0, 4.0]]
     """
-    least, right, low = 0 - beyond, shape.columns + beyond, shape.rows + beyond
-    ends = [[least, least], [right, least], [right, low], [least, low]]
-    return torch.tensor(ends, dtype=torch.float64)
+    right, low = shape.columns, shape.rows
+    return torch.tensor([[0, 0], [right, 0], [right, low], [0, low]]).double()
 
 
 def sample_cells(leds: int, samples: int, margin: int) -> Tensor:

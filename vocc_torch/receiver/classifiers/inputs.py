@@ -85,17 +85,12 @@ class Patch:
             .unfold(1, self.side, self.samples)
             .unfold(2, self.side, self.samples)
         )
-        values = windows.flatten(start_dim=3)
-        for is_input, column in (
-            (self.level, mean),
-            (self.pitch, readings.cell_px.float().mean(dim=1)),
-        ):
+        parts = [windows.flatten(start_dim=3)]
+        pitch = readings.cell_px.float().mean(dim=1)
+        for is_input, column in ((self.level, mean), (self.pitch, pitch)):
             if is_input:
-                values = torch.cat(
-                    [values, column.view(-1, 1, 1, 1).expand(*values.shape[:3], 1)],
-                    dim=-1,
-                )
-        return values
+                parts.append(column.view(-1, 1, 1, 1).expand(*windows.shape[:3], 1))
+        return torch.cat(parts, dim=-1)
 
 
 @dataclass(frozen=True, slots=True)

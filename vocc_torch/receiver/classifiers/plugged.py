@@ -144,11 +144,8 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, Tensor]]:
     for name, value in vars(classifier).items():
         if isinstance(value, Tensor | np.ndarray):
             arrays[name] = torch.as_tensor(value)
-            values |= (
-                {NUMPY: [*values.get(NUMPY, []), name]}
-                if isinstance(value, np.ndarray)
-                else {}
-            )
+            if isinstance(value, np.ndarray):
+                values.setdefault(NUMPY, []).append(name)
         elif isinstance(value, bool | int | float | str | None):
             values[name] = value
         else:
