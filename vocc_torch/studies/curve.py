@@ -121,13 +121,15 @@ def count_curves(
             try:
                 for at in row.experiment.simulated_values:
                     done = found[at] = next(outcomes)
+                    begun.pop(row.experiment.point_name(at))  # frees its blocks
                     points = sweep.curves_at(row, locator, {at: done})
                     rates = run.console.is_terminal
                     lines = terminal.point_lines(points, rates=rates)
                     run_folder.say(run.console, *lines)
             except KeyboardInterrupt:
-                if at not in found and (name := row.experiment.point_name(at)) in begun:
-                    found[at] = begun[name].outcome
+                for at in row.experiment.simulated_values[len(found) :]:
+                    if point := begun.get(row.experiment.point_name(at)):
+                        found[at] = point.outcome
                 if found:
                     so_far = sweep.curves_at(row, locator, found)
                     keep_interrupted(so_far, table, run.console)

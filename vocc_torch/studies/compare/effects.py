@@ -186,16 +186,22 @@ def effect_rows(study: EffectStudy, costs: Costs, errors: Errors) -> list[TableR
     a frame: of the scene itself, else what is added to it. ``real`` says whether the 95 % interval of the
     change excludes 0; ``missed_with`` counts frames without a panel found.
     """
-    about: TableRow = {"training_frames": study.plan.budget.training_frames}
-    about |= {"scene": study.scene_name, "machine": costs.machine}
-    about["waited_share"] = round(costs.waited_share, 4)
+    about: TableRow = {
+        "training_frames": study.plan.budget.training_frames,
+        "scene": study.scene_name,
+        "machine": costs.machine,
+        "waited_share": round(costs.waited_share, 4),
+    }
     rows, kinds = list[TableRow](), {"": "scene", TOGETHER: "together"}
     for name, pair in itertools.product(study.plan.receiver.names, study.every_pair):
-        row: TableRow = {"row": kinds.get(pair.name, "effect"), "effect": pair.name}
-        row["differs_in"] = pair.label
-        row["in_scene"] = int(pair.in_scene) if pair.name else None
-        row["fills_sensor"] = int(pair.fills_sensor) if pair.name else None
-        row["receiver"] = name
+        row: TableRow = {
+            "row": kinds.get(pair.name, "effect"),
+            "effect": pair.name,
+            "differs_in": pair.label,
+            "in_scene": int(pair.in_scene) if pair.name else None,
+            "fills_sensor": int(pair.fills_sensor) if pair.name else None,
+            "receiver": name,
+        }
         for kind in KINDS:
             spent = astuple(costs.added(kind, pair))
             row[f"{kind}_ms"] = Estimate(*(round(ms, 4) for ms in spent))
@@ -246,12 +252,18 @@ def severity_rows(study: EffectStudy, errors: Errors) -> list[TableRow]:
             values, trainings, names
         ):
             if found := errors.get((effect, "truth", value, name, number)):
-                row: TableRow = {"effect": effect, "parameter": parameter}
-                row |= {"value": value, "in_table": int(value == usual)}
-                row |= {"receiver": name, "trained": trained}
-                frame_errors = found.counts[0].frame_errors
-                row |= {**counted(found.counts[0]), "frame_errors": frame_errors}
-                rows.append(row)
+                rows.append(
+                    {
+                        "effect": effect,
+                        "parameter": parameter,
+                        "value": value,
+                        "in_table": int(value == usual),
+                        "receiver": name,
+                        "trained": trained,
+                        **counted(found.counts[0]),
+                        "frame_errors": found.counts[0].frame_errors,
+                    }
+                )
     return rows
 
 

@@ -110,11 +110,19 @@ class PriceList:
                 for batch in batches or study.config.batch_sizes
             }
             best = min(totals, key=lambda batch: totals[batch].value)
-            row: TableRow = {"receiver": key.receiver, "locator": key.locator}
-            row["device"] = str(resolve_device(study.plan.world.device))
-            row |= {"frames": study.config.frames, "batch": best, "ms": totals[best]}
-            row |= {"scenes": study.scene_name, "test_frames": error.frames}
-            rows.append(row | {"ber": error.rate})
+            rows.append(
+                {
+                    "receiver": key.receiver,
+                    "locator": key.locator,
+                    "device": str(resolve_device(study.plan.world.device)),
+                    "frames": study.config.frames,
+                    "batch": best,
+                    "ms": totals[best],
+                    "scenes": study.scene_name,
+                    "test_frames": error.frames,
+                    "ber": error.rate,
+                }
+            )
         return ranked(rows, self.errors)
 
     def conditions(self) -> str:
@@ -257,11 +265,18 @@ def price_receivers(study: TradeoffStudy, run: Run) -> tuple[PriceList, list[Tab
     for (name, batch), spent in times.items():
         key = study.keys[name]
         cost = trainings[key.locator].making(key.receiver)
-        row = {"receiver": key.receiver, "locator": key.locator, "batch": batch}
-        row |= {f"{stage}_ms": spent.stage(stage).value for stage in stage_times.STAGES}
-        row |= {"training_s": cost.training_s, "training_frames": cost.frames}
-        row |= {"parameters": cost.parameters, "size_bytes": cost.size_bytes}
-        stages.append(row)
+        stages.append(
+            {
+                "receiver": key.receiver,
+                "locator": key.locator,
+                "batch": batch,
+                **{f"{of}_ms": spent.stage(of).value for of in stage_times.STAGES},
+                "training_s": cost.training_s,
+                "training_frames": cost.frames,
+                "parameters": cost.parameters,
+                "size_bytes": cost.size_bytes,
+            }
+        )
     return PriceList(study, errors, times, machine, waiting.share), stages
 
 
