@@ -22,6 +22,13 @@ def equal(first: Panels, second: Panels) -> bool:
     )
 
 
+def noise(frames: int, height: int, width: int) -> Tensor:
+    """Draw uint8 frames of noise, (B,H,W)."""
+    generator = torch.Generator().manual_seed(1)
+    size = frames, height, width
+    return torch.randint(0, 256, size, generator=generator).to(torch.uint8)
+
+
 class LocatorCase(PartCase):
     """Tests of a locator; a subclass named ``Test...`` writes :meth:`locator` and :meth:`scenes`.
 
@@ -148,21 +155,12 @@ class LocatorCase(PartCase):
     @pytest.mark.parametrize("size", [(1, 1), (3, 40), (12, 12)])
     def test_small_frames_are_taken(self, size: tuple[int, int]) -> None:
         """Frames of few pixels give finite answers."""
-        noise = torch.randint(
-            0, 256, (2, *size), generator=torch.Generator().manual_seed(1)
-        )
-        assert (
-            self.locator()(noise.to(torch.uint8), self.shape)
-            .corners_px.isfinite()
-            .all()
-        )
+        panels = self.locator()(noise(2, *size), self.shape)
+        assert panels.corners_px.isfinite().all()
 
     def test_noise_gives_finite_answers(self) -> None:
         """Noise breaks nothing, and shows no panel where the case says so."""
-        noise = torch.randint(
-            0, 256, (2, 90, 120), generator=torch.Generator().manual_seed(2)
-        )
-        panels = self.locator()(noise.to(torch.uint8), self.shape)
+        panels = self.locator()(noise(2, 90, 120), self.shape)
         assert panels.corners_px.isfinite().all()
         assert panels.score.isfinite().all()
         assert not (self.finds_nothing_in_noise and panels.found.any())

@@ -96,7 +96,7 @@ def test_the_mean_of_weighted_errors_is_the_known_rate():
         48,
         template,
         0.5,
-        dict.fromkeys(guess.CLASSES, 1.0),
+        np.full(64, 1 / 64),
         dict.fromkeys(names, UPPER),
     )
     scenes = TiltedScenes.of(SceneModel(), [Component.nominal(16, shape), seeks])

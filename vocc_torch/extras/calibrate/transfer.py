@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from scipy import optimize
@@ -41,8 +40,8 @@ class TransferCurve:
         light: (N,) levels.
         variance: (N,) of the grey values' residuals there.
         noise: the fitted slope and floor.
-        covariance: (2,2) of slope and floor; 0 for what was not fitted.
-        gains: how much the criterion favours slope, floor, over what is without.
+        covariance: (2,2) of slope and floor.
+        gains: how much the criterion favours slope and floor; one that it does not favour is 0.
     """
 
     light: Floats
@@ -87,35 +86,23 @@ def transfer(fit: RecordingFit) -> TransferCurve:
     slope = fit.gamma * light / encoded(light, fit.gamma)
     unit = float(np.median(slope**2 * raw).clip(min=1e-15))
     first = np.array([unit / np.median(light), unit])
-    # None, the floor, the slope, both.
-    models = np.array(list(product((0, 1), repeat=2)))
 
-    def misfit(values: Floats, model: Floats) -> Floats:
-        noise = Noise(*(values * model * first).tolist())
+    def misfit(values: Floats) -> Floats:
+        noise = Noise(*(values * first).tolist())
         expected_variance = expected(light, fit.gamma, noise)[1]
         return np.asarray(np.sqrt(count / 2) * np.log(raw / expected_variance))
 
-    fits = [
-        optimize.least_squares(
-            misfit, model / max(model.sum(), 1), bounds=(0, math.inf), args=(model,)
-        )
-        for model in models
-    ]
+    found = optimize.least_squares(misfit, (0.5, 0.5), bounds=(0, math.inf))
     # Levels that no curve meets say less.
-    doubt = max(1.0, 2 * fits[-1].cost / max(len(light) - 2, 1))
-    cost = math.log(max(float(count.sum()), 2.0))
-    criterion = 2 * np.array([found.cost for found in fits]) / doubt
-    criterion += models.sum(1) * cost
-    chosen = int(criterion.argmin())
-    slopes = fits[chosen].jac
-    spread = doubt * np.linalg.pinv(slopes.T @ slopes, rcond=1e-10)
+    doubt = max(1.0, 2 * found.cost / max(len(light) - 2, 1))
+    spread = doubt * np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-10)
+    # Wald's statistic beyond the price of a parameter by the Bayesian information criterion.
+    gains = found.x**2 / spread.diagonal().clip(min=1e-30)
+    gains -= math.log(max(float(count.sum()), 2.0))
     return TransferCurve(
         light,
         raw,
-        Noise(*(fits[chosen].x * models[chosen] * first).tolist()),
+        Noise(*(found.x * first * (gains > 0)).tolist()),
         spread * np.outer(first, first),
-        [
-            float(criterion[used == 0].min() - criterion[used == 1].min())
-            for used in models.T
-        ],
+        gains.tolist(),
     )

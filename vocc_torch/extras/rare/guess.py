@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vocc_torch.arrays import Floats, Integers
+from vocc_torch.arrays import Floats
 from vocc_torch.extras.rare.scenes import Component
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.types import PanelShape
@@ -16,8 +16,6 @@ PATTERNS = 16
 """Frames with patterns that locators may fail at."""
 REACH = 2
 """LEDs around a weak one whose bits are learned."""
-CLASSES = (0, 1, 2)
-"""How many sides of the panel an LED lies at."""
 
 
 def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
@@ -35,9 +33,8 @@ def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
         template[1:-1, 1:-1] = near
         template[REACH, REACH] = rate
         frames = frames_left // 4 + (number < frames_left % 4)
-        components.append(
-            around_leds(shape, frames, template, 0.5, dict.fromkeys(CLASSES, 1.0), {})
-        )
+        places = np.full(shape.leds, 1 / shape.leds)
+        components.append(around_leds(shape, frames, template, 0.5, places, {}))
     return components
 
 
@@ -69,36 +66,21 @@ def around_leds(
     frames: int,
     template: Floats,
     beyond: float,
-    by_class: Mapping[int, float],
+    places: Floats,
     tilts: Mapping[str, Floats],
 ) -> Component:
-    """Lay a template of probabilities around each LED, with a share of each class of LEDs.
+    """Lay a template of probabilities around each LED.
 
     Args:
         shape: of the panel.
         frames: share of the component, in 64ths.
         template: (5,5) probability to be On of an LED and those around it.
         beyond: probability of all other LEDs to be On.
-        by_class: share of the LEDs that lie at none, one and two of the panel's sides.
+        places: (R C,) share of each LED.
         tilts: as of a component.
     """
-    wide = np.full(
-        (shape.leds, shape.rows + 2 * REACH, shape.columns + 2 * REACH), beyond
-    )
+    wide = np.full((shape.leds, *(side + 2 * REACH for side in shape.sides)), beyond)
     for led in range(shape.leds):
         row, column = divmod(led, shape.columns)
         wide[led, row : row + len(template), column : column + len(template)] = template
-    which = sides(shape).ravel()
-    share = np.array(
-        [by_class[side] / np.sum(which == side) for side in which.tolist()]
-    )
-    inner = wide[:, REACH : REACH + shape.rows, REACH : REACH + shape.columns]
-    return Component(frames, inner, share / share.sum(), tilts)
-
-
-def sides(shape: PanelShape) -> Integers:
-    """Count for each LED the sides of the panel that it lies at, (R,C); 2 is a corner."""
-    rows, columns = (
-        np.isin(np.arange(n), (0, n - 1)).astype(np.int64) for n in shape.sides
-    )
-    return rows[:, None] + columns
+    return Component(frames, wide[:, REACH:-REACH, REACH:-REACH], places, tilts)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vocc_torch.arrays import Bools, Floats, Integers, Numbers
-from vocc_torch.extras.rare.guess import CLASSES, REACH, around_leds, sides
+from vocc_torch.extras.rare.guess import REACH, around_leds
 from vocc_torch.extras.rare.scenes import WIDTHS, Component, TiltedScenes, part_of
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.types import PanelShape
@@ -115,24 +115,13 @@ def of_leds(
         np.sum([np.einsum("n,nij->ij", weights, of(way)) for way in ways], axis=0)
         for of in (np.isfinite, np.nan_to_num)
     )
-    every, near = bits[frame].sum(axis=(1, 2)), np.nansum(around, axis=(1, 2))
-    others = shape.leds - np.sum(~np.isnan(around), axis=(1, 2))
-    count = effective(weights)
-    prior = 2 * weights.sum() / count
-    template = ((lit + len(ways) * prior / 2) / (weighted + len(ways) * prior)).clip(
-        0.05, 0.95
-    )
-    beyond = (weights @ (every - near) + others.mean() * prior / 2) / (
-        weights @ others + others.mean() * prior
-    )
-    which, every_led = sides(shape)[row, column], sides(shape)
-    share = {
-        side: weights[which == side].sum() / weights.sum()
-        + 0.1 * float(np.mean(every_led == side))
-        for side in CLASSES
-    }
+    prior = 2 * len(ways) * weights.sum() / effective(weights)
+    template = ((lit + prior / 2) / (weighted + prior)).clip(0.05, 0.95)
+    beyond = float(np.average(bits[frame].mean(axis=(1, 2)), weights=weights))
+    places = np.bincount(row * shape.columns + column, weights, shape.leds)
+    places = 0.9 * places / weights.sum() + 0.1 / shape.leds
     return around_leds(
-        shape, frames, template, float(beyond), share, tilts(observed, frame, weights)
+        shape, frames, template, beyond, places, tilts(observed, frame, weights)
     )
 
 

@@ -144,6 +144,12 @@ class Context(Batched):
             return torch.zeros(len(self.scene), 2, dtype=torch.int64, device=device)
         return self.origin_px.to(device)
 
+    def pixels(self, size_px: tuple[int, int]) -> tuple[Tensor, Tensor]:
+        """Sensor columns (B,1,1,W) and rows (B,1,H,1) of pictures of a height and width, int64."""
+        left, top = self.first_px.view(-1, 2, 1, 1, 1).unbind(1)
+        down, across = (torch.arange(side, device=left.device) for side in size_px)
+        return left + across, top + down.unsqueeze(-1)
+
 
 def _is_ours(kind: type) -> bool:
     """Whether a class is of the package."""
@@ -374,9 +380,5 @@ class Backdrop(Effect, on=Quantity.BACKGROUND):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Multiply (B,1,H,W) background luminance."""
-        left, top = context.first_px.unbind(dim=-1)
-        x = left.view(-1, 1, 1, 1) + torch.arange(value.shape[3], device=left.device)
-        y = top.view(-1, 1, 1, 1) + torch.arange(
-            value.shape[2], device=left.device
-        ).unsqueeze(-1)
+        x, y = context.pixels((value.shape[2], value.shape[3]))
         return value * self.shade(x, y, context).to(value)

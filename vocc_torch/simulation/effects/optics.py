@@ -385,27 +385,22 @@ class Vignetting(Effect, on=Quantity.EXPOSURE):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Dim (B,1,H,W) exposure by each pixel's place on the sensor."""
         camera = context.camera
-        height, width = value.shape[-2:]
-        origin = context.first_px.to(value.device)
-        x = _squares(origin[:, 0], width, camera.width_px / 2, camera.focal_length_px)
-        y = _squares(origin[:, 1], height, camera.height_px / 2, camera.focal_length_px)
+        focal_px = camera.focal_length_px
+        x, y = (
+            ((pixels.to(value.device).double() + 0.5 - side / 2) / focal_px).square()
+            for pixels, side in zip(
+                context.pixels((value.shape[2], value.shape[3])),
+                reversed(camera.sensor_px),
+                strict=True,
+            )
+        )
         # (r / F)^2 of each pixel; only the sum over the two axes runs at the frame's own precision.
-        square = (y.unsqueeze(-1) + x.unsqueeze(-2)).to(value.dtype).unsqueeze(1)
+        square = (y + x).to(value.dtype)
         gain = 1 / (1 + square).square()
         if self.corner_loss > 0:
-            corner = (
-                math.hypot(camera.width_px, camera.height_px)
-                / 2
-                / camera.focal_length_px
-            )
+            corner = math.hypot(*camera.sensor_px) / 2 / focal_px
             gain = gain * (1 - square.sqrt() * (self.corner_loss / corner))
         return value * gain
-
-
-def _squares(first: Tensor, size: int, middle: float, focal_px: float) -> Tensor:
-    """Squared offset of each pixel's middle from the axis along one side, in focal lengths, (B,size)."""
-    pixels = torch.arange(size, device=first.device) + first.unsqueeze(-1)
-    return ((pixels.double() + 0.5 - middle) / focal_px).square()
 
 
 EFFECTS = (MotionBlur, Defocus, Diffraction, Blooming, Vignetting)

@@ -98,14 +98,9 @@ def mosaic(
     cell_of: Sequence[Sequence[float]], like: Tensor, context: Context
 ) -> Tensor:
     """Lay a cell of 2 x 2 numbers over each frame (B,C,H,W) as the sensor's cells lie, (B,1,H,W)."""
-    x, y = (
-        (first.unsqueeze(-1) + torch.arange(length, device=first.device)) % 2
-        for first, length in zip(
-            context.first_px.unbind(-1), reversed(like.shape[-2:]), strict=True
-        )
-    )
+    x, y = context.pixels((like.shape[-2], like.shape[-1]))
     cell = torch.tensor(cell_of, dtype=like.dtype, device=x.device)
-    return cell[y.unsqueeze(2), x.unsqueeze(1)].unsqueeze(1).to(like.device)
+    return cell[y % 2, x % 2].to(like.device)
 
 
 class Photoelectrons(Effect, on=Quantity.EXPOSURE, to=Quantity.ELECTRONS):
