@@ -1,4 +1,4 @@
-"""In how many pictures without a panel locators claim one, and how surely.
+"""False alarms of locators: pictures without a panel in which they find one, and its score.
 
     python benchmarks/no_panel.py --locators refined detector --streets 96
 
@@ -99,8 +99,8 @@ def without_panel() -> Iterator[Picture]:
         yield whole[down : down + high, right : right + wide]
 
 
-def claimed(names: list[str], streets: int) -> None:
-    """Print in how many pictures without a panel locators claim one, and how surely."""
+def print_false_alarms(names: list[str], streets: int) -> None:
+    """Print in how many pictures without a panel locators find one, and its score."""
     pictures = list(without_panel())
     kinds = {"drawn and noise": pictures[:80], "photographs and crops": pictures[80:]}
     kinds["black, white"] = [np.full((240, 320), level, np.uint8) for level in (0, 255)]
@@ -114,9 +114,9 @@ def claimed(names: list[str], streets: int) -> None:
         "locator",
         "pictures",
         "",
-        "claimed",
-        "median, greatest score of these",
-        "least false alarms",
+        "found",
+        "median, highest score of these",
+        "lowest false_alarms",
     )
     print(f"| {' | '.join(heads)} |\n" + "|---" * len(heads) + "|")
     for name in names:
@@ -149,7 +149,7 @@ def main() -> None:
     )
     options = parser.parse_args()
     torch.set_num_threads(1)
-    claimed(options.locators, options.streets)
+    print_false_alarms(options.locators, options.streets)
 
 
 if __name__ == "__main__":

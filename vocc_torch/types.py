@@ -126,7 +126,7 @@ class Scene(Batched):
         ).checked()
 
     def checked(self) -> "Scene":
-        """Give back this scene, in float64, or refuse it by the name of the first field that is out of range.
+        """Return this scene in float64, or raise an error that names the first field out of range.
 
         Raises:
             VoccError: a field that is not (B,) real numbers, or a value not finite or out of its range.
@@ -353,7 +353,7 @@ class Frames(Batched):
 
     @property
     def pixels(self) -> NDArray[np.uint8]:
-        """What a file of 8 bits holds: (B,H,W) greys, or where there is colour (B,H,W,3)."""
+        """Grey values (B,H,W) or colours (B,H,W,3) of 8 bits."""
         shown = self.grey[:, 0] if self.colour is None else self.colour.movedim(1, -1)
         kept: NDArray[np.uint8] = (
             shown.round().clamp(0, 255).byte().contiguous().cpu().numpy()

@@ -114,7 +114,7 @@ class FLDA(torch.nn.Module):
         return self
 
     def update(self, features: Tensor, bits: Tensor) -> Self:
-        """Add samples, in pieces of any size and order; arguments as in ``fit``, one class or none will do.
+        """Add samples, in pieces of any size and order; arguments as in ``fit``, but a class may be missing.
 
         Raises:
             VoccError: wrong shape or kind, or a value that is not finite; the statistics stay as they were.
@@ -183,7 +183,7 @@ class FLDA(torch.nn.Module):
         return scores
 
     def unchecked_scores(self, features: Tensor) -> Tensor:
-        """Score finite feature vectors in float64 without a look at the result, which an accelerator waits for.
+        """Score finite feature vectors in float64, without the check of the result that makes the CPU wait.
 
         Raises:
             VoccError: no samples of a class yet, or features of the wrong kind or shape.

@@ -38,7 +38,7 @@ class Decoded(NamedTuple):
         corners_px: (B,4,2) float64 image coordinates, clockwise from the top left; zeros where not found.
         found: (B,) bool.
         panel_score: (B,) float64 score of the chosen candidate, 0 to 1.
-        candidates: (B,) int64, number of blobs that could be the panel.
+        candidates: (B,) int64, number of places that could be the panel.
         llr: (B,R,C) float64 log-likelihood ratios, log P(On) / P(Off), with the signs of the bits; the
             scores if the receiver is not calibrated; zeros where no panel was found.
         appearance: (B,3) float64 pitch (px), level and contrast; see :mod:`vocc_torch.receiver.calibration`.

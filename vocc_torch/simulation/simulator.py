@@ -112,7 +112,7 @@ class Simulator:
     def true_panels(
         self, scene: Scene, keys: Sequence[FrameKey] = (), *, rendered: bool = False
     ) -> Panels:
-        """Where panels truly are, for evaluation; ``keys`` as for render, which checked if ``rendered``."""
+        """Give the true corners, for evaluation; ``rendered``: ``render`` has checked the same arguments."""
         scene = scene.to("cpu") if rendered else self._checked(scene)
         context = self._context(scene, keys)
         corners_m = view.panel_corners_m(self.panel)
@@ -123,7 +123,7 @@ class Simulator:
         ).to(self.device)
 
     def led_centres_px(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> Tensor:
-        """Where the centres of the LEDs are on the sensor, (B,R*C,2) px in raster order.
+        """Give the centres of the LEDs on the sensor, (B,R*C,2) px in raster order.
 
         Example:
             >>> Simulator().led_centres_px(Scene.of(distance_m=50.0))[0, 0].round().tolist()
@@ -141,7 +141,7 @@ class Simulator:
         size_px: framing.Size,
         keys: Sequence[FrameKey] = (),
     ) -> Frames:
-        """Render a window of the sensor that stays where it is, wherever the panel is.
+        """Render a fixed window of the sensor for each scene.
 
         Args:
             scene: B scenes, at least 1.
@@ -226,7 +226,7 @@ class Simulator:
         keys: Sequence[FrameKey] = (),
         panel_only: bool = False,
     ) -> Frames:
-        """Render a frame for each scene; a panel that lies outside the sensor, or in part, is cut there.
+        """Render a frame for each scene; a panel is cut at the edges of the sensor.
 
         Args:
             scene: B scenes, at least 1.
@@ -332,7 +332,7 @@ class Simulator:
         return Context(scene, self.camera, keys, None, self.effects, self.panel)
 
     def expose(self, batch: framing.Batch, window: bool) -> Tensor:
-        """Carry the LEDs' light through the camera, laying crops on the sensor once an effect fills it."""
+        """Pass light through lens and sensor; a crop becomes a whole frame before an effect that fills it."""
         context, sensor = batch.context, self.camera.sensor_px
         after = [effect for effect in self.effects if effect.takes not in DRAWN]
         is_crop, channels = batch.size != sensor, self._channels

@@ -20,7 +20,7 @@ class DecodeConfig:
             ``green``, ``blue``, ``auto`` (the channel or mix with the best margins in the first frames), or
             ``unmix`` (three colours that one panel sends at once).
         annotate: write each picture with corners and bits drawn in; not for films.
-        scale: enlarge these pictures by a whole number, 1 to 16.
+        scale: enlarge annotated pictures by a whole number, 1 to 16.
         most: most panels per frame, 1 to 64. More than 1 needs a locator that finds several, such as the
             detector.
         follow: follow the panel from frame to frame and search the whole frame only now and then: ``true``

@@ -49,8 +49,8 @@ def decode(
             (B,H,W) or (B,H,W,3) of integers or of floats from 0 to 1.
         model: a receiver, its file, or the name of one that ships.
         rows: rows of the panel; None takes those of the receiver, ``auto`` tries usual shapes and warns if
-            none is sure.
-        columns: columns, as ``rows``.
+            the choice is uncertain.
+        columns: columns of the panel, given as ``rows``.
         channel: how colour becomes grey, as ``decode.channel``.
         most: most panels per frame.
         follow: follow the panel from frame to frame; None follows in live sources only.

@@ -59,7 +59,7 @@ class Reading:
         unlike: pitch or contrast, by name, if below all training panels.
         margin: smallest distance of an LED's score from the threshold.
         panel_score: the locator's score of the panel, 0 to 1.
-        candidates: panels, or blobs that could be one, in the frame.
+        candidates: number of places in the frame that could be a panel.
         is_doubtful: may be no panel: a low score, or an LED between On and Off.
         expected_errors: expected number of wrong bits, from the log-likelihood ratios.
         one_level: all LEDs look alike, so all may be On or all Off.
