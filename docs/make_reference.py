@@ -219,8 +219,10 @@ def columns_page() -> str:
                 for base in reversed(Row.__mro__)
                 for key, words in entries(sections(base.__doc__ or "").get("Args", ""))
             }
-        module, attribute = told["code"].split(":")
-        found = getattr(importlib.import_module(f"vocc_torch.{module}"), attribute)
+        found = list(known)
+        if "code" in told:
+            module, attribute = told["code"].split(":")
+            found = getattr(importlib.import_module(f"vocc_torch.{module}"), attribute)
         rows = [(f"`{column}`", known[column]) for column in found]
         blocks.append(
             f"## {name}\n\n{told['what']}\n\n{table(['column', 'meaning'], rows)}"
