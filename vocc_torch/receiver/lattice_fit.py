@@ -1,4 +1,4 @@
-"""The LED lattice fitted to the picture, in sub-pixels: Gauss-Newton steps, bits, missed lines of LEDs."""
+"""The LED lattice fitted to the picture, in sub-pixels: Gauss-Newton steps and bits."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -22,7 +22,7 @@ class FitSettings:
 
     steps: int = 20
     free_steps: int = 2  # that take bits from amplitudes; later ones turn single bits
-    line_step: int = 3  # before which a missed line is looked for
+    least_steps: int = 4  # after which a small step may be the last
     still_cells: float = 4e-3  # a step below this is the last
     most_cells: float = 0.4  # of a step
     # Standard deviations: of the corner fields 1, u, v and uv in x and in y, in cells.
@@ -94,7 +94,7 @@ def _improved(
     """Run step ``number``: lattices scored before it, lattices after it, and which (B,) need another step."""
     model = Model.of(_read(frames, lattice), lattice)
     unsettled = torch.full_like(
-        lattice.background, number <= FIT.line_step, dtype=torch.bool
+        lattice.background, number < FIT.least_steps, dtype=torch.bool
     )
     if number < FIT.free_steps:
         light = linear_light(model.grey) - model.base
@@ -107,11 +107,6 @@ def _improved(
         if bool(turned.any()):
             unsettled |= turned
             model = Model.of(model.grey, lattice)
-        if number == FIT.line_step:
-            lattice, shifted = _with_missed_lines(model, lattice)
-            if bool(shifted.any()):
-                unsettled |= shifted
-                model = Model.of(_read(frames, lattice), lattice)
     trust = model.trust()
     before = model.scored(lattice, trust)
     # A Gauss-Newton step, damped by what is expected of each value.
@@ -251,28 +246,3 @@ def _around(plane: Tensor) -> Tensor:
     """Cut the 3 x 3 cells around each LED out of (B,H,W): (B,R,C,3K,3K)."""
     width = 3 * SAMPLES
     return plane.unfold(1, width, SAMPLES).unfold(2, width, SAMPLES)
-
-
-def _with_missed_lines(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
-    """Return lattices moved by a cell where an outer line of Off LEDs was missed, and which (B,) moved.
-
-    Such a line gives little light, so a fit may rest a line too far to the other side. Each side is tried:
-    the far line is taken away, and a line of Off LEDs added before the near one.
-    """
-    costs = [(model.predicted - model.grey).square().sum((1, 2))]
-    options = [lattice]
-    for axis, by in ((1, -1), (1, 1), (2, -1), (2, 1)):
-        bits = lattice.bits.roll(-by, axis)
-        bits.select(axis, -1 if by > 0 else 0).fill_(False)
-        moved = (by, 0) if axis == 1 else (0, by)
-        predicted = Model.of(model.grey, replace(lattice, bits=bits), moved).predicted
-        costs.append((predicted - model.grey).square().sum((1, 2)))
-        cells = corner_cells(lattice.shape).to(bits.device, copy=True)
-        cells[:, 2 - axis] += by
-        corners = resample.map_points(
-            lattice.corners_px, cells.expand(len(bits), 4, 2), lattice.shape
-        )
-        options.append(replace(lattice, bits=bits, corners_px=corners))
-    chosen = torch.stack(costs, 1).argmin(1)
-    rows = torch.arange(len(chosen), device=chosen.device)
-    return Lattice.cat(options)[chosen * len(rows) + rows], chosen > 0

@@ -113,16 +113,10 @@ class Profiles(NamedTuple):
     face: Tensor
 
     @classmethod
-    def of(cls, leds: int, blur: Tensor, moved_cells: int = 0) -> Self:
-        """Compute the profiles of a panel from the standard deviations (B,) of its spots, cells.
-
-        Args:
-            leds: along the axis.
-            blur: of the spots.
-            moved_cells: by which the panel is moved along the axis.
-        """
+    def of(cls, leds: int, blur: Tensor) -> Self:
+        """Compute the profiles of an axis of LEDs from the standard deviations (B,) of its spots, cells."""
         samples, middles = _places(leds, blur.device)
-        samples, width = samples - moved_cells, blur.float()[:, None, None]
+        width = blur.float()[:, None, None]
         offset = (samples[:, None] - middles) / width
         spots = torch.exp(-(offset**2) / 2)
         edge = EDGE_OF_BLUR * width[..., 0]
@@ -162,12 +156,9 @@ class Model(NamedTuple):
     predicted: Tensor
 
     @classmethod
-    def of(
-        cls, grey: Tensor, lattice: Lattice, moved_cells: tuple[int, int] = (0, 0)
-    ) -> Self:
-        """Predict pictures that are resampled about the lattices, or cells beside them, down and across."""
-        blurs = lattice.blur.flip(1).unbind(1)
-        sides = list(zip(lattice.shape.sides, blurs, moved_cells, strict=True))
+    def of(cls, grey: Tensor, lattice: Lattice) -> Self:
+        """Predict pictures that are resampled about the lattices."""
+        sides = zip(lattice.shape.sides, lattice.blur.flip(1).unbind(1), strict=True)
         rows, columns = (Profiles.of(*side) for side in sides)
         both = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
         parts = rows.spots[:, None] @ both @ columns.spots[:, None].mT
