@@ -11,7 +11,8 @@ import numpy as np
 import torch
 
 import vocc_torch as vt
-from vocc_torch.extras.messages.reception import Reception, film_of
+from vocc_torch.extras.messages.layout import Layout
+from vocc_torch.extras.messages.reception import film_of, received
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 
 plan = MessagePlan(vt.PanelShape(8, 8), Signalling(code="rs"))
@@ -21,13 +22,12 @@ symbols = torch.from_numpy(film[times.astype(int)])
 frames = vt.Simulator().render(vt.Scene.of(len(symbols), distance_m=60), symbols)
 decoded = vt.train("paper", frames=256)(frames)
 
-reception = Reception(plan)
 times_s = times / plan.signalling.symbol_rate_hz
-received = [*reception.push(decoded.llr.float().numpy(), list(times_s))]
-received += reception.finish()
+parts = [(decoded.llr.float().numpy(), list(times_s))]
+packets = [*received(Layout(plan), parts)]
 
 plt.figure(figsize=(8, 4), layout="constrained")
-plt.suptitle(f"received: {received[0].packet.payload.decode()}")
+plt.suptitle(f"received: {packets[0].packet.payload.decode()}")
 plt.subplot(1, 2, 1, title="a frame")
 plt.imshow(frames.grey[0, 0], cmap="gray")
 plt.subplot(1, 2, 2, title="soft values (log-likelihood ratios)")

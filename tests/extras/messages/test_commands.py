@@ -3,6 +3,7 @@
 import csv
 import errno
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.reading import read_recording
 
+DOCS = Path(__file__).parents[3] / "docs"
 TEXT = b"A message of some bytes that two commands carry. " * 12
 
 
@@ -235,6 +237,8 @@ def test_a_study_of_messages(tmp_path):
     words = "messages.distance_m=[40,400]", "messages.codes=[none,rs-0.5]"
     run_task(composed(*SMALL.split(), *words), tmp_path / "out")
     rows = rows_of(tmp_path / "out" / "messages.csv")
+    told = yaml.safe_load((DOCS / "columns.yaml").read_text())["messages.csv"]
+    assert list(rows[0]) == list(told["columns"])
     # Distances, receivers, codes.
     assert len(rows) == 2 * 2 * 2
     lost = {

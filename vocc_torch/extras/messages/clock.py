@@ -81,7 +81,7 @@ class PendingFrame(NamedTuple):
     ahead: float
 
 
-Frames = tuple[Singles, Sequence[float | None]]
+SoftFrames = tuple[Singles, Sequence[float | None]]
 """Log-likelihood ratios (F,R,C), zeros for a frame that shows no panel, and when each was taken, s, or None."""
 
 
@@ -123,7 +123,7 @@ class SymbolClock:
         self._unit: int | None = None
         self._ahead = 0.0
 
-    def ticks(self, recording: Iterable[Frames]) -> Iterator[Ticks]:
+    def ticks(self, recording: Iterable[SoftFrames]) -> Iterator[Ticks]:
         """Settle the frames of a recording, some hundreds at a time."""
         for llr, times_s in recording:
             self._take(llr, times_s)

@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from vocc_torch.arrays import Singles
-from vocc_torch.extras.messages.clock import Frames, SymbolClock, Ticks
+from vocc_torch.extras.messages.clock import SoftFrames, SymbolClock, Ticks
 from vocc_torch.extras.messages.layout import Layout
 
 MIXED_SHARE = 0.3
@@ -78,7 +78,7 @@ class Block:
         return float(found.x)
 
 
-def blocks_of(layout: Layout, recording: Iterable[Frames]) -> Iterator[Block]:
+def blocks_of(layout: Layout, recording: Iterable[SoftFrames]) -> Iterator[Block]:
     """Add the frames of each symbol up, and give blocks as they are over; never more than three are held.
 
     Args:

@@ -11,7 +11,7 @@ import torch
 
 from vocc_torch.arrays import Bools
 from vocc_torch.errors import VoccError
-from vocc_torch.extras.messages.clock import Frames
+from vocc_torch.extras.messages.clock import SoftFrames
 from vocc_torch.extras.messages.combine import Block, blocks_of
 from vocc_torch.extras.messages.config import AXES, MessagesConfig
 from vocc_torch.extras.messages.front import Front
@@ -183,7 +183,7 @@ def recorded(job: RecordingJob) -> dict[Place, Carried]:
     film = np.tile(shown, (config.blocks, 1, 1))
     fronts = {name: Front(receiver) for name, receiver in job.receivers.items()}
     leader = next(iter(fronts.values()))
-    read: dict[str, list[Frames]] = {name: [] for name in fronts}
+    read: dict[str, list[SoftFrames]] = {name: [] for name in fronts}
     wrong, taken = dict.fromkeys(fronts, 0), 0
     scene, fps = job.model.draw(key, shape)[0][:1], job.ratio * rate_hz
     take = Take(plan, config.record, scene, film, fps, rate_hz, key)

@@ -7,7 +7,7 @@ from itertools import count
 from pathlib import Path
 
 from vocc_torch.errors import VoccError
-from vocc_torch.extras.messages.clock import Frames
+from vocc_torch.extras.messages.clock import SoftFrames
 from vocc_torch.extras.messages.config import PLAN, ReceiveConfig
 from vocc_torch.extras.messages.front import Front
 from vocc_torch.extras.messages.layout import Layout
@@ -59,7 +59,7 @@ def soft_values(
     fps: float | None,
     ends_s: list[float],
     failures: list[str],
-) -> Iterator[Frames]:
+) -> Iterator[SoftFrames]:
     """Read a recording, batch by batch; an interruption ends it.
 
     Args:

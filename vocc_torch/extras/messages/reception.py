@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import expit
 
 from vocc_torch.arrays import Bools
-from vocc_torch.extras.messages.clock import Frames
+from vocc_torch.extras.messages.clock import SoftFrames
 from vocc_torch.extras.messages.combine import Block, blocks_of
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Packet, packed, unpacked
@@ -98,7 +98,7 @@ def film_of(message: bytes, plan: MessagePlan) -> Bools:
     return np.concatenate([layout.write(block) for block in blocks])
 
 
-def received(layout: Layout, recording: Iterable[Frames]) -> Iterator[Received]:
+def received(layout: Layout, recording: Iterable[SoftFrames]) -> Iterator[Received]:
     """Receive packets from a stream of soft values, in constant memory.
 
     Example:
