@@ -22,7 +22,7 @@ from vocc_torch.receiver.detector.placer import (
     views,
 )
 from vocc_torch.receiver.detector.pyramid import Pyramid, gate, halved
-from vocc_torch.receiver.detector.scout import Scout, distinct, peaks
+from vocc_torch.receiver.detector.scout import Scout, Sheet, distinct, peaks
 from vocc_torch.receiver.resample import cell_homography
 from vocc_torch.types import PanelShape
 
@@ -108,18 +108,33 @@ def test_the_gate_takes_the_tiles_with_a_lattice(monkeypatch):
 
 
 def test_candidates_are_the_local_maxima():
-    outputs = noise(2, 11, 20, 30)
-    score = outputs[:, 0].numpy()
-    best = np.sort(
-        score[score == maximum_filter(score, (0, 3, 3), mode="constant", cval=-1)]
-    )[::-1]
-    picture, _, quads, values = peaks(outputs[:, 0], outputs, 10)
+    score = noise(20, 30)
+    local = maximum_filter(score.numpy(), 3, mode="constant", cval=-1)
+    best = np.sort(score.numpy()[score.numpy() == local])[::-1]
+    row, column, values = peaks(score, 10)
     assert values.tolist() == pytest.approx(best[:10].tolist())
-    row, column = np.argwhere(score[int(picture[0])] == score.max())[0]
-    moves = outputs[int(picture[0]), 3:, row, column].view(4, 2)
-    assert torch.allclose(
-        quads[0], 8 * torch.tensor([column + 0.5, row + 0.5]).float() + 16 * moves
-    )
+    assert torch.equal(score[row, column], values)
+
+
+def test_outputs_of_the_scout_are_where_they_are_seen():
+    """Each level has a mark at each place; the picture shows it where the windows say."""
+    places = torch.arange(1080 * 1920).view(1080, 1920)
+    levels = [
+        places[:high, :wide] % 251
+        for high, wide in ((1080, 1920), (270, 480), (135, 240))
+    ]
+    sheet = Sheet.of([level.byte() for level in levels])
+    owner = sheet.owner.repeat_interleave(8, 0).repeat_interleave(8, 1)
+    row, column = (owner >= 0).nonzero().unbind(1)
+    window = owner[row, column]
+    at = torch.stack([column, row], 1) - sheet.origin[window]
+    level = sheet.level[window]
+    for number, wanted in enumerate(levels):
+        x, y = at[level == number].unbind(1)
+        inside = (x >= 0) & (y >= 0) & (x < wanted.shape[1]) & (y < wanted.shape[0])
+        assert inside.float().mean() > 0.6
+        shown = sheet.grey[0, 0, row[level == number], column[level == number]]
+        assert torch.equal(shown[inside].long(), wanted[y[inside], x[inside]])
 
 
 def test_of_candidates_at_one_place_the_best_is_taken():
