@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter
 from scipy.stats import zscore
 
 from vocc_torch.receiver.detector import pyramid as pyramid_file
-from vocc_torch.receiver.detector.judge import judged
+from vocc_torch.receiver.detector.judge import Judge, judged, samples_of, waves_of
 from vocc_torch.receiver.detector.layers import standardised
 from vocc_torch.receiver.detector.placer import (
     Placer,
@@ -156,8 +156,8 @@ def test_candidates_are_pictured_through_the_homography_of_opencv(shape, wide):
     """A smooth picture, where interpolation does not matter; and corners in a picture are those in the frame."""
 
     class Seen(torch.nn.Module):
-        def forward(self, pictures):
-            self.pictures = pictures
+        def forward(self, pictures, waves):
+            self.pictures, self.waves = pictures, waves
             maps = torch.zeros(len(pictures), 4, 24, 24 * wide)
             for corner, (row, column) in enumerate(
                 ((4, 5), (4, 18), (18, 18), (18, 5))
@@ -180,6 +180,26 @@ def test_candidates_are_pictured_through_the_homography_of_opencv(shape, wide):
     places = np.stack([across, [9, 9, 37, 37]], 1)[None].astype(np.float32) - 0.5
     back = cv2.perspectiveTransform(places, np.linalg.inv(matrix)) + 0.5
     assert np.abs(moved[0].numpy() - back[0]).max() < 1e-3
+
+
+def test_the_judge_is_told_rows_and_columns():
+    """By a wave a row and a wave a column, whose troughs are in the middle of the LEDs; nothing lies around."""
+    shape = PanelShape(4, 16)
+    down, across = waves_of(torch.tensor([shape.sides]), samples_of(shape))[0]
+    middles = 10 + 28 * (np.arange(4) + 0.5) / 4 - 0.5
+    wave = np.interp(middles, np.arange(48), down[:, 3].numpy())
+    assert wave == pytest.approx(-1, abs=0.15)
+    length = np.arange(56) + 0.5
+    wave = np.cos(2 * np.pi * 16 * length / 56)
+    assert across[7].numpy() == pytest.approx(np.pad(wave, 20), abs=1e-5)
+    net = Judge().eval()
+    with torch.inference_mode():
+        pictures = noise(2, 48, 48)
+        four, six = (
+            net(pictures, waves_of(torch.tensor([[leds, leds]]), (2, 2)))[0]
+            for leds in (4, 6)
+        )
+    assert (four - six).abs().max() > 1e-4
 
 
 def test_moves_of_cells_are_joined_as_least_squares_join_them():

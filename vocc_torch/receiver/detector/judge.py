@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor, nn
@@ -9,7 +10,12 @@ from torch.nn import functional
 
 from vocc_torch.receiver.detector.layers import convolution, standardised
 from vocc_torch.receiver.detector.pyramid import Pyramid
-from vocc_torch.receiver.resample import cell_homography, cell_size_px, map_cells
+from vocc_torch.receiver.resample import (
+    cell_homography,
+    cell_size_px,
+    map_cells,
+    sample_cells,
+)
 from vocc_torch.types import PanelShape
 
 SQUARE = PanelShape(14, 14)
@@ -53,7 +59,9 @@ class Judge(nn.Module):
     """Convolutions at strides 2, 4 and 8: a score, and a map for each corner of where it is.
 
     Example:
-        >>> logit, maps = Judge()(torch.rand(5, 48, 48))
+        >>> shape = PanelShape(8, 8)
+        >>> waves = waves_of(torch.tensor([shape.sides]), samples_of(shape))
+        >>> logit, maps = Judge()(torch.rand(5, 48, 48), waves)
         >>> logit.shape, maps.shape
         (torch.Size([5]), torch.Size([5, 4, 24, 24]))
     """
@@ -61,6 +69,7 @@ class Judge(nn.Module):
     def __init__(self, fine: int = 24, coarse: int = 32) -> None:
         super().__init__()
         self.first = convolution(SETTINGS.heat_px**2, fine)
+        self.told = nn.Conv2d(2 * SETTINGS.heat_px**2, fine, 3, 1, 1, bias=False)
         self.down = convolution(fine, coarse, 2)
         self.mid = nn.ModuleList([convolution(coarse, coarse) for _ in range(3)])
         self.deep = convolution(coarse, coarse, 2)
@@ -71,11 +80,17 @@ class Judge(nn.Module):
             nn.Linear(2 * coarse, fine), nn.ReLU(), nn.Linear(fine, 1)
         )
 
-    def forward(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
-        """Score pictures (n,H,W) of candidates, (n,), and map their corners, (n,4,H/2,W/2) logits."""
+    def forward(self, pictures: Tensor, waves: Tensor) -> tuple[Tensor, Tensor]:
+        """Score pictures (n,H,W) of candidates, (n,), and map their corners, (n,4,H/2,W/2) logits.
+
+        Args:
+            pictures: grey values.
+            waves: (n,2,H,W), or (1,2,H,W) for all, of :func:`waves_of`.
+        """
         light = standardised(pictures, SETTINGS.grain, SETTINGS.most)
         blocks = functional.pixel_unshuffle(light[:, None], SETTINGS.heat_px)
-        fine = self.first(blocks).relu()
+        told = self.told(functional.pixel_unshuffle(waves, SETTINGS.heat_px))
+        fine = (self.first(blocks) + told).relu()
         coarse = self.mid[0](self.down(fine).relu()).relu()
         coarse = coarse + self.mid[1](coarse).relu()
         deep = self.deep2(self.deep(coarse).relu()).relu()
@@ -88,6 +103,33 @@ class Judge(nn.Module):
         assert self.heat.bias is not None
         maps = maps + heat.view_as(maps) + self.heat.bias[:, None, None]
         return logit, maps
+
+
+def waves_of(shapes: Tensor, samples: tuple[int, int]) -> Tensor:
+    """Tell rows and columns (n,2) to the judge: a wave down a candidate for each row, and across for each column.
+
+    Args:
+        shapes: rows and columns.
+        samples: px of a part of ``SQUARE``, down and across.
+
+    Returns:
+        (n,2,H,W) -1 to 1, 0 around the candidates.
+    """
+    waves = []
+    for leds, count in zip(shapes.unbind(1), samples, strict=True):
+        at = sample_cells(1, count * SQUARE.rows, 0).to(leds.device)
+        wave = (2 * math.pi * leds[:, None] * at).cos().float()
+        waves.append(functional.pad(wave, (count * SETTINGS.margin,) * 2))
+    down, across = waves
+    size = (len(shapes), down.shape[1], across.shape[1])
+    planes = down[:, :, None].expand(size), across[:, None].expand(size)
+    return torch.stack(planes, 1)
+
+
+@lru_cache(maxsize=32)
+@torch.inference_mode(False)
+def _waves(shape: PanelShape, device: torch.device) -> Tensor:
+    return waves_of(torch.tensor([shape.sides], device=device), samples_of(shape))
 
 
 def corners_of(maps: Tensor) -> Tensor:
@@ -127,7 +169,7 @@ def judged(
     homography = cell_homography(quads, SQUARE)
     samples, margin = samples_of(shape), SETTINGS.margin
     pictures = pyramid.read_cells(quads, homography, SQUARE, samples, margin)
-    logit, maps = net(pictures)
+    logit, maps = net(pictures, _waves(shape, pictures.device))
     return logit, map_cells(homography, parts_of(corners_of(maps), shape))
 
 

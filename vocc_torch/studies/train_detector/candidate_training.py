@@ -45,7 +45,7 @@ class CandidateSampler(Sampler):
 
     @abstractmethod
     def shows(self, form: Form) -> Tensor:
-        """Say which frames (N,) show a panel of a form."""
+        """Say which frames (N,) show a panel of a form, or clutter for it."""
 
     @abstractmethod
     def candidates(self, networks: Networks, frames: Tensor) -> Found:
@@ -53,9 +53,9 @@ class CandidateSampler(Sampler):
 
     @abstractmethod
     def looked(
-        self, networks: Networks, form: Form, grey: Tensor
+        self, networks: Networks, form: Form, grey: Tensor, shapes: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Give logits (B,) and corners (B,4,2), cells, as the network sees them in pictures."""
+        """Give logits (B,) and corners (B,4,2), cells, as the network sees them in pictures of shapes (B,2)."""
 
     def panels(self, form: Form) -> Found:
         """Give the readable panels of a form."""
@@ -95,12 +95,9 @@ class CandidateSampler(Sampler):
     def mine(self, networks: Networks, frames: Tensor) -> None:
         """Take the candidates of each form, also after the network has moved them once and twice."""
         found = self.candidates(networks, frames)
-        numbers = torch.arange(len(self.pool.empty), device=self.pool.device)
         self.near, self.clutter, self.last = [], [], list[Found]()
-        for place, form in enumerate(self.forms):
-            # Frames without a panel are shared out.
-            shared = self.pool.empty & (numbers % len(self.forms) == place)
-            looks = [found.rows((self.shows(form) | shared)[found.frame])]
+        for form in self.forms:
+            looks = [found.rows(self.shows(form)[found.frame])]
             for _ in range(2):
                 looks.append(self.look(networks, form, looks[-1]))
             near, clutter = with_truth(self.pool, joined(looks))
@@ -114,7 +111,8 @@ class CandidateSampler(Sampler):
         for start in range(0, len(found.frame), BATCH):
             some = found.rows(slice(start, start + BATCH))
             grey = self.pool.read(some.frame, some.quads, form)
-            logit, cells = self.looked(networks, form, grey)
+            shapes = self.shapes[some.frame]
+            logit, cells = self.looked(networks, form, grey, shapes)
             quads = map_points(some.quads, cells.double(), form.cells)
             parts.append(some._replace(quads=quads, score=logit))
         return joined(parts)

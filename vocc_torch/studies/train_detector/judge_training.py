@@ -53,10 +53,10 @@ class JudgeSampler(CandidateSampler):
         return Form(shape, SQUARE, samples, judging.SETTINGS.margin)
 
     def shows(self, form: Form) -> Tensor:
-        """Say which frames (N,) show a panel whose picture is as large."""
+        """Say of which frames (N,) the picture of a panel is as large."""
         sizes = [
-            rows > 0 and judging.samples_of(PanelShape(rows, columns)) == form.samples
-            for rows, columns in self.pool.shapes.tolist()
+            judging.samples_of(PanelShape(*sides)) == form.samples
+            for sides in self.shapes.tolist()
         ]
         return torch.tensor(sizes, device=self.pool.device)
 
@@ -65,16 +65,17 @@ class JudgeSampler(CandidateSampler):
         return proposals(networks.scout, self.pool, frames)
 
     def looked(
-        self, networks: Networks, form: Form, grey: Tensor
+        self, networks: Networks, form: Form, grey: Tensor, shapes: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Give logits (B,) and corners (B,4,2), cells."""
-        logit, maps = networks.judge(grey)
+        logit, maps = networks.judge(grey, judging.waves_of(shapes, form.samples))
         return logit, judging.parts_of(corners_of(maps), form.shape)
 
     def loss(self, net: Judge) -> Tensor:
         """Give the loss of a batch."""
         form, batch = self.batch()
-        logit, maps = net(batch.grey)
+        waves = judging.waves_of(batch.shapes, form.samples)
+        logit, maps = net(batch.grey, waves)
         return judge_loss(logit, maps, form, batch)
 
 

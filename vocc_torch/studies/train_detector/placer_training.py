@@ -62,9 +62,12 @@ class PlacerSampler(CandidateSampler):
         return Form(shape, shape, (options.samples,) * 2, options.margin)
 
     def shows(self, form: Form) -> Tensor:
-        """Say which frames (N,) show a panel of the shape."""
-        shapes = self.pool.shapes
-        return (shapes == shapes.new_tensor(form.shape.sides)).all(1)
+        """Say which frames (N,) show a panel of the shape; frames without a panel are shared out."""
+        shapes, forms = self.pool.shapes, SETTINGS.shapes
+        numbers = torch.arange(len(shapes), device=shapes.device)
+        shared = numbers % len(forms) == forms.index(form.shape.sides)
+        right = (shapes == shapes.new_tensor(form.shape.sides)).all(1)
+        return right | (self.pool.empty & shared)
 
     def candidates(self, networks: Networks, frames: Tensor) -> Found:
         """Give the candidates that the judge has moved twice."""
@@ -73,7 +76,7 @@ class PlacerSampler(CandidateSampler):
         return joined(judged.last)
 
     def looked(
-        self, networks: Networks, form: Form, grey: Tensor
+        self, networks: Networks, form: Form, grey: Tensor, shapes: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Give logits (B,) and corners (B,4,2), cells."""
         logit, moves = networks.placer(grey, form.shape)

@@ -89,7 +89,7 @@ class Pictures(NamedTuple):
         grey: (B,H,W).
         corners: (B,4,2) panels' corners in the candidates' cells, zeros without one.
         panel: (B,) whether they show one.
-        shapes: (B,2) its rows and columns, zeros without one.
+        shapes: (B,2) rows and columns of the panel that is looked for.
     """
 
     grey: Tensor
@@ -122,6 +122,7 @@ class Sampler(ABC):
 
     def __init__(self, pool: Pool, scale: int = 1) -> None:
         self.pool, self.scale = pool, scale
+        self.shapes = shapes_sought(pool)
         shapes = self.settings.shapes
         self.forms = [self.form(PanelShape(*sides)) for sides in shapes]
         self.rendered = [self.panels(form) for form in self.forms]
@@ -167,13 +168,15 @@ class Sampler(ABC):
         ]
         quads = torch.cat([self.moved(found, form, rough) for found, rough in drawn])
         found = joined([found for found, _ in drawn])
-        views = torch.tensor(VIEWS)
+        views, shapes = torch.tensor(VIEWS), self.shapes[found.frame]
         if torch.rand(()) < 0.5:
+            shapes = shapes.flip(1)
             form, views = form.transposed, views[:, list(TRANSPOSED)]
         order = views[torch.randint(len(views), (len(quads), 1))]
         order = order.mT.expand(-1, -1, 2).to(quads.device)
         found = found._replace(truth=found.truth.gather(1, order))
-        return form, self.seen(found, quads.gather(1, order), form)
+        seen = self.seen(found, quads.gather(1, order), form)
+        return form, seen._replace(shapes=shapes)
 
     def seen(self, found: Found, quads: Tensor, form: Form) -> Pictures:
         """Read pictures about corners (n,4,2) px of the frames of candidates."""
@@ -182,7 +185,7 @@ class Sampler(ABC):
         panel = found.truth.flatten(1).any(1)
         corners = cells_at(found.truth, quads, form.cells).float()
         corners = corners * panel[:, None, None]
-        return Pictures(grey, corners, panel, self.pool.shapes[found.frame])
+        return Pictures(grey, corners, panel, self.shapes[found.frame])
 
 
 def panels_of(pool: Pool, frame: Tensor, level: Tensor) -> Found:
@@ -192,13 +195,19 @@ def panels_of(pool: Pool, frame: Tensor, level: Tensor) -> Found:
     return Found(frame, level, corners, score, corners)
 
 
+def shapes_sought(pool: Pool) -> Tensor:
+    """Give rows and columns (N,2) of the panel that is looked for in each frame, also where there is none."""
+    shapes = torch.tensor(SHAPES, device=pool.device)
+    numbers = torch.arange(len(pool.shapes), device=pool.device)
+    return torch.where(pool.empty[:, None], shapes[numbers % len(shapes)], pool.shapes)
+
+
 def proposals(net: Scout, pool: Pool, frames: Tensor) -> Found:
-    """Take the scout's candidates of frames; frames without a panel are searched for one of the pool's shapes."""
+    """Take the scout's candidates of frames."""
     parts = [panels_of(pool, frames[:0], frames[:0])]
-    for frame in frames.tolist():
-        shape = PanelShape(*SHAPES[frame % len(SHAPES)])
-        if pool.shapes[frame, 0]:
-            shape = PanelShape(*pool.shapes[frame].tolist())
+    shapes = shapes_sought(pool)[frames].tolist()
+    for frame, sides in zip(frames.tolist(), shapes, strict=True):
+        shape = PanelShape(*sides)
         quads, score, level = propose(net, pool.pyramid(frame), shape)
         number = torch.full_like(level, frame)
         parts.append(Found(number, level, quads, score, torch.zeros_like(quads)))
