@@ -147,6 +147,22 @@ def test_pictures_are_those_that_the_detector_reads(small_pool):
         assert torch.equal(alone[0], picture)
 
 
+def test_rows_and_columns_are_told_as_they_are_seen(small_pool):
+    """In pictures whose rows are columns, too; without a panel it is one that could be looked for."""
+    sides = torch.tensor([[4, 8], [4, 8], [0, 0]])
+    wide = replace(small_pool, shapes=sides)
+    sought = sampling.shapes_sought(wide).tolist()
+    assert sought[:2] == [[4, 8]] * 2
+    assert tuple(sought[2]) in pool.SHAPES
+    sampler = run.SAMPLERS["judge"](wide)
+    torch.manual_seed(0)
+    batches = [sampler.batch()[1] for _ in range(9)]
+    told = {
+        tuple(one) for batch in batches for one in batch.shapes[batch.panel].tolist()
+    }
+    assert told == {(4, 8), (8, 4)}
+
+
 def test_views_turn_and_mirror_and_keep_rows():
     corners = torch.tensor([[0.0, 0.0], [8, 0], [8, 4], [0, 4]])
     quads = corners[torch.tensor(sampling.VIEWS)]

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from vocc_torch.receiver.detector import pyramid as pyramids
 from vocc_torch.receiver.detector.layers import convolution
-from vocc_torch.receiver.detector.pyramid import SETTINGS as TILES
 from vocc_torch.receiver.detector.pyramid import Pyramid, gate
 from vocc_torch.types import PanelShape
 
@@ -112,31 +112,31 @@ class Peaks(NamedTuple):
     """Places where a score is the best about.
 
     Args:
-        row: (n,) of the output.
-        column: (n,) of the output.
-        score: (n,), the best first.
+        picture: (n,) int64.
+        place: (n,2) int64 columns and rows of the output.
+        quads: (n,4,2) px of the picture.
+        score: (n,).
     """
 
-    row: Tensor
-    column: Tensor
+    picture: Tensor
+    place: Tensor
+    quads: Tensor
     score: Tensor
 
 
-def peaks(score: Tensor, most: int) -> Peaks:
-    """Take the best local maxima of a score (h,w).
-
-    Example:
-        >>> row, column, score = peaks(torch.tensor([[0.0, 1.0, 0.0, 2.0]]), 9)
-        >>> row.tolist(), column.tolist(), score.tolist()
-        ([0, 0], [3, 1], [2.0, 1.0])
-    """
-    side = SETTINGS.peak_cells
-    best = functional.max_pool2d(score[None], side, 1, side // 2)[0]
+def peaks(score: Tensor, outputs: Tensor, most: int) -> Peaks:
+    """Take the best local maxima of a score (B,h,w), with the corners of outputs (B,11,h,w)."""
+    best = functional.max_pool2d(
+        score[:, None], SETTINGS.peak_cells, 1, SETTINGS.peak_cells // 2
+    )[:, 0]
     flat = score.masked_fill(score < best, -torch.inf).flatten()
     values, order = flat.topk(min(most, len(flat)))
     order = order[values > -torch.inf]
-    wide = score.shape[1]
-    return Peaks(order // wide, order % wide, flat[order])
+    high, wide = outputs.shape[2:]
+    picture, row, column = order // (high * wide), order // wide % high, order % wide
+    place = torch.stack([column, row], 1)
+    quads = quads_of(outputs[picture, :, row, column], place)
+    return Peaks(picture, place, quads, flat[order])
 
 
 def distinct(quads: Tensor, score: Tensor, most: int) -> Tensor:
@@ -184,113 +184,119 @@ def propose(
     Returns:
         Corners (n,4,2) float64 px, scores (n,) and levels (n,), the best first.
     """
-    sheet = Sheet.of(pyramid.levels)
-    outputs = net(sheet.grey)
-    score = outputs[0, size_of(shape)].masked_fill(sheet.owner < 0, -torch.inf)
-    row, column, score = peaks(score, SETTINGS.peaks)
-    places = torch.stack([column, row], 1)
-    window = sheet.owner[row, column]
-    level = sheet.level[window]
-    quads = quads_of(outputs[0, :, row, column].mT, places).double()
-    quads = (quads - sheet.origin[window, None]) * 2.0 ** level[:, None, None]
+    levels = pyramid.levels
+    large = sum(level.numel() > SETTINGS.gated_px for level in levels)
+    size = size_of(shape)
+    looks = [look(net, levels, large, size) for look in (_in_tiles, _in_canvas)]
+    corners, score, level = map(torch.cat, zip(*looks, strict=True))
     near = (score > score.amax() - SETTINGS.behind).nonzero()[:, 0]
-    rows = near[distinct(quads[near], score[near], SETTINGS.candidates)]
-    return quads[rows], score[rows], level[rows]
+    rows = near[distinct(corners[near], score[near], SETTINGS.candidates)]
+    return corners[rows], score[rows], level[rows]
 
 
-class Window(NamedTuple):
-    """A part of a level, and where it is in the picture that the scout sees; px."""
+def _in_canvas(
+    net: Scout, levels: Sequence[Tensor], large: int, size: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Look at all of the smaller levels (H,W) in one picture, with margins of a mean grey value around."""
+    small = levels[large:]
+    if not small:
+        return _nothing(levels[0])
+    step = SETTINGS.stride_px
+    sides = [tuple(level.shape) for level in small]
+    origins, (tall, broad) = canvas_of(sides)
+    mean = small[-1].float().mean().round().byte()
+    canvas = mean.expand(1, 1, tall, broad).contiguous()
+    # Outputs belong to a level as far as one beyond its edges.
+    owner = torch.full((tall // step, broad // step), -1, device=mean.device)
+    for number, ((high, wide), (top, left)) in enumerate(
+        zip(sides, origins, strict=True)
+    ):
+        canvas[0, 0, top : top + high, left : left + wide] = small[number]
+        rows = slice(top // step - 1, -(-(top + high) // step) + 1)
+        owner[rows, left // step - 1 : -(-(left + wide) // step) + 1] = number
+    origin = torch.tensor(origins, device=mean.device).flip(1)
+    level = torch.arange(large, len(levels), device=mean.device)
+    return _best(net(canvas), size, owner[None], origin, level)
 
-    level: int
-    top: int
-    left: int
-    high: int
-    wide: int
-    row: int
-    column: int
 
-
-class Sheet(NamedTuple):
-    """What the scout sees of a frame, in one picture: tiles of the larger levels, and the smaller levels.
+def _best(
+    outputs: Tensor, size: int, owner: Tensor, origin: Tensor, level: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Take the best outputs (B,11,h,w) for panels of a size.
 
     Args:
-        grey: (1,1,H,W) uint8; around levels is a mean grey value.
-        owner: (H/8,W/8) number of the window that an output belongs to, -1 for none.
-        origin: (n,2) px of the windows' levels in the picture.
-        level: (n,) of the windows.
-    """
-
-    grey: Tensor
-    owner: Tensor
-    origin: Tensor
-    level: Tensor
-
-    @classmethod
-    def of(cls, levels: Sequence[Tensor]) -> "Sheet":
-        """Lay out levels (H,W)."""
-        step, margin = SETTINGS.stride_px, SETTINGS.margin_px
-        windows, (tall, broad) = windows_of(levels)
-        device = levels[0].device
-        mean = levels[-1].float().mean().round().byte()
-        grey = mean.expand(tall, broad).contiguous()
-        owner = torch.full((tall // step, broad // step), -1, device=device)
-        for number, (level, top, left, high, wide, row, column) in enumerate(windows):
-            # A window shows its surroundings, and outputs belong to it as far as one beyond its edges.
-            over, before = min(margin, top), min(margin, left)
-            seen = levels[level][
-                top - over : top + high + margin, left - before : left + wide + margin
-            ]
-            down, across = row - over, column - before
-            grey[down : down + seen.shape[0], across : across + seen.shape[1]] = seen
-            owner[
-                row // step - 1 : -(-(row + high) // step) + 1,
-                column // step - 1 : -(-(column + wide) // step) + 1,
-            ] = number
-        origins = [(one.column - one.left, one.row - one.top) for one in windows]
-        return cls(
-            grey[None, None],
-            owner,
-            torch.tensor(origins, device=device),
-            torch.tensor([one.level for one in windows], device=device),
-        )
-
-
-def windows_of(levels: Sequence[Tensor]) -> tuple[list[Window], tuple[int, int]]:
-    """Lay out the smaller levels (H,W), and below them the tiles of the larger ones that the gate chooses.
+        outputs: of the scout.
+        size: number of the score.
+        owner: (B,h,w) number of the part of a level that an output belongs to, -1 for none.
+        origin: (n,2) px of parts in their pictures.
+        level: (n,) of parts.
 
     Returns:
-        The windows, and height and width of the picture.
+        Corners (n,4,2) px of the frame, scores (n,) and levels (n,).
+    """
+    score = outputs[:, size].masked_fill(owner < 0, -torch.inf)
+    found = peaks(score, outputs, SETTINGS.peaks)
+    column, row = found.place.unbind(1)
+    part = owner[found.picture, row, column]
+    quads = found.quads.double() - origin[part, None]
+    return quads * 2.0 ** level[part, None, None], found.score, level[part]
+
+
+def _nothing(like: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    none = torch.zeros(0, 4, 2, dtype=torch.float64, device=like.device)
+    return none, none[:, 0, 0].float(), none[:, 0, 0].long()
+
+
+def canvas_of(
+    sides: Sequence[tuple[int, ...]],
+) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Put levels into one picture, the first on the left, the others in a column beside it.
+
+    Args:
+        sides: (height, width) of the levels, the largest first.
+
+    Returns:
+        (top, left) of each level, and (height, width) of the picture.
 
     Example:
-        >>> windows, sides = windows_of([torch.zeros(50, 100), torch.zeros(25, 50), torch.zeros(12, 25)])
-        >>> [(one.row, one.column) for one in windows], sides
+        >>> canvas_of([(50, 100), (25, 50), (12, 25)])
         ([(16, 16), (16, 144), (64, 144)], (96, 224))
     """
-    step, margin, tile = 2 * SETTINGS.stride_px, SETTINGS.margin_px, TILES.tile_px
-    large = sum(level.numel() > SETTINGS.gated_px for level in levels)
-    windows: list[Window] = []
-    top, left, tall, broad = margin, margin, 0, tile + 2 * margin
-    for number, (high, wide) in enumerate(level.shape for level in levels[large:]):
-        windows.append(Window(large + number, 0, 0, high, wide, top, left))
-        below, beside = (
-            at + -(-side // step) * step + margin
-            for at, side in ((top, high), (left, wide))
-        )
-        tall, broad = max(tall, below), max(broad, beside)
-        # The first is on the left, the others are in a column beside it.
-        top, left = (below, left) if number else (margin, beside)
-    side = tile + 2 * margin
-    across = broad // side
-    gated = [
-        Window(number, row * tile, column * tile, tile, tile, 0, 0)
-        for number, level in enumerate(levels[:large])
-        for row, column in gate(level).tolist()
+    step, margin = 2 * SETTINGS.stride_px, SETTINGS.margin_px
+    beyond = [
+        tuple(-(-side // step) * step + margin for side in size) for size in sides
     ]
-    for number, window in enumerate(gated):
-        row, column = divmod(number, across)
-        windows.append(
-            window._replace(
-                row=tall + side * row + margin, column=side * column + margin
-            )
-        )
-    return windows, (tall + side * -(-len(gated) // across), broad)
+    left = margin + beyond[0][1]
+    origins, top = [(margin, margin)], margin
+    for high, _ in beyond[1:]:
+        origins.append((top, left))
+        top += high
+    wide = max((wide for _, wide in beyond[1:]), default=0)
+    return origins, (max(top, margin + beyond[0][0]), left + wide)
+
+
+def _in_tiles(
+    net: Scout, levels: Sequence[Tensor], large: int, size: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Look at the tiles of the larger levels (H,W) that the gate chooses."""
+    if not large:
+        return _nothing(levels[0])
+    tile, margin = pyramids.SETTINGS.tile_px, pyramids.SETTINGS.margin_px
+    side = tile + 2 * margin
+    tiles, places, numbers = [], [], []
+    for number, level in enumerate(levels[:large]):
+        row, column = gate(level).unbind(1)
+        high, wide = (-(-length // tile) * tile for length in level.shape)
+        beyond = (wide - level.shape[1], high - level.shape[0])
+        around = (margin, margin + beyond[0], margin, margin + beyond[1])
+        mean = int(level[::margin, ::margin].float().mean())
+        canvas = functional.pad(level, around, value=mean)
+        views = canvas.unfold(0, side, tile).unfold(1, side, tile)
+        tiles.append(views[row, column][:, None])
+        places.append(margin - torch.stack([column, row], 1) * tile)
+        numbers.append(torch.full_like(row, number))
+    level, inner = torch.cat(numbers), tile // SETTINGS.stride_px
+    owner = torch.arange(len(level), device=level.device)[:, None, None]
+    edges = (margin // SETTINGS.stride_px,) * 4
+    owner = functional.pad(owner.expand(-1, inner, inner), edges, value=-1)
+    return _best(net(torch.cat(tiles)), size, owner, torch.cat(places), level)

@@ -12,6 +12,7 @@ from vocc_torch.studies.train_detector.pool import Form
 from vocc_torch.studies.train_detector.sampling import (
     Found,
     NetworkTraining,
+    Pictures,
     Sampler,
     joined,
     panels_of,
@@ -20,6 +21,12 @@ from vocc_torch.studies.train_detector.sampling import (
 
 BATCH = 128
 """Candidates that are looked at together."""
+
+EDGED = 0.1
+"""Share of pictures that the frame ends in, on each of the four sides."""
+
+EDGE_REACH = 1.2
+"""Deepest such end, in margins of a picture."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +112,15 @@ class CandidateSampler(Sampler):
             self.clutter.append(clutter)
             self.last.append(looks[-1])
 
+    def seen(self, found: Found, quads: Tensor, form: Form) -> Pictures:
+        """Read pictures; in some the frame ends near the panel or a little inside."""
+        pictures = super().seen(found, quads, form)
+        grey = pictures.grey
+        for axis, sides in ((1, form.cells.rows), (2, form.cells.columns)):
+            deepest = EDGE_REACH * form.margin / (sides + 2 * form.margin)
+            grey = edged(grey, axis, deepest)
+        return pictures._replace(grey=grey)
+
     def look(self, networks: Networks, form: Form, found: Found) -> Found:
         """Let the network score candidates and move their corners."""
         parts = [found.rows(slice(0))]
@@ -116,3 +132,26 @@ class CandidateSampler(Sampler):
             quads = map_points(some.quads, cells.double(), form.cells)
             parts.append(some._replace(quads=quads, score=logit))
         return joined(parts)
+
+
+def edged(grey: Tensor, axis: int, deepest: float) -> Tensor:
+    """Repeat the last line of some pictures (n,H,W) from where the frame ends.
+
+    Args:
+        grey: the pictures.
+        axis: 1 for rows, 2 for columns.
+        deepest: end, in shares of a side.
+
+    Example:
+        >>> grey = torch.arange(20.0).expand(1000, 1, 20)
+        >>> ends = edged(grey, 2, 0.2)[:, 0, [0, -1]]
+        >>> ends.amin(0).tolist(), ends.amax(0).tolist()
+        ([0.0, 15.0], [4.0, 19.0])
+    """
+    count, length = len(grey), grey.shape[axis]
+    cut, depth = torch.rand(2, 2, count, device=grey.device)
+    off = ((cut < EDGED) * depth * (deepest * length + 1)).long()[..., None]
+    lines = torch.arange(length, device=grey.device).expand(count, length)
+    lines = lines.maximum(off[0]).minimum(length - 1 - off[1])
+    lines = lines[..., None] if axis == 1 else lines[:, None]
+    return grey.gather(axis, lines.expand(grey.shape))

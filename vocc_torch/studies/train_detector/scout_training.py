@@ -41,7 +41,6 @@ class ScoutTraining(NetworkTraining):
     crop_px: int = 128
     least_pitch_px: float = 1.8  # of LEDs that the scout is to find
     most_pitch_px: float = 4.6  # the next level shows larger ones
-    most_of_small_px: float = 9.2  # of small panels, which are hardly seen at 2 px
     off_px: float = 45.0  # of a panel from a crop's middle, at most
     scaled: float = 0.4  # share of crops at another scale than a level's
     scale: tuple[float, float] = (0.75, 1.4)
@@ -71,9 +70,7 @@ class ScoutSampler(Sampler):
         options, pool = SETTINGS, self.pool
         levels = torch.arange(len(pool.sizes), device=pool.device)
         pitch = pool.pitch_px[:, None] / 2.0**levels
-        small = pool.shapes.prod(1, keepdim=True) < scout.SIZES[0] ** 2
-        most = torch.where(small, options.most_of_small_px, options.most_pitch_px)
-        seen = (pitch >= options.least_pitch_px) & (pitch <= most)
+        seen = (pitch >= options.least_pitch_px) & (pitch <= options.most_pitch_px)
         return panels_of(pool, *(seen & pool.readable[:, None]).nonzero().unbind(1))
 
     def moved(self, found: Found, form: Form, rough: bool) -> Tensor:
