@@ -124,7 +124,7 @@ class Best:
         ber_high: its upper end; both allow for the choice of the least.
 
     Example:
-        >>> best = Best("flda_3", 8e3, (2e3, 4e3), (1e3, 2e3, 4e3), (250, 4e3), 0.0, 0.0, 1e-4)
+        >>> best = Best("flda_3", 8e3, (2e3, 4e3), (1e3, 2e3, 4e3), False, True, 0.0, 0.0, 1e-4)
         >>> best.reaches_highest, round(best.middle_cd_m2)
         (True, 2828)
     """
