@@ -151,7 +151,7 @@ def test_rows_and_columns_are_told_as_they_are_seen(small_pool):
     """In pictures whose rows are columns, too; without a panel it is one that could be looked for."""
     sides = torch.tensor([[4, 8], [4, 8], [0, 0]])
     wide = replace(small_pool, shapes=sides)
-    sought = sampling.shapes_sought(wide).tolist()
+    sought = wide.sought.tolist()
     assert sought[:2] == [[4, 8]] * 2
     assert tuple(sought[2]) in pool.SHAPES
     sampler = run.SAMPLERS["judge"](wide)

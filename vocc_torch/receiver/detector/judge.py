@@ -69,7 +69,7 @@ class Judge(nn.Module):
     def __init__(self, fine: int = 24, coarse: int = 32) -> None:
         super().__init__()
         self.first = convolution(SETTINGS.heat_px**2, fine)
-        self.told = nn.Conv2d(2 * SETTINGS.heat_px**2, fine, 3, 1, 1, bias=False)
+        self.lattice = nn.Conv2d(2 * SETTINGS.heat_px**2, fine, 3, 1, 1, bias=False)
         self.down = convolution(fine, coarse, 2)
         self.mid = nn.ModuleList([convolution(coarse, coarse) for _ in range(3)])
         self.deep = convolution(coarse, coarse, 2)
@@ -89,8 +89,8 @@ class Judge(nn.Module):
         """
         light = standardised(pictures, SETTINGS.grain, SETTINGS.most)
         blocks = functional.pixel_unshuffle(light[:, None], SETTINGS.heat_px)
-        told = self.told(functional.pixel_unshuffle(waves, SETTINGS.heat_px))
-        fine = (self.first(blocks) + told).relu()
+        lattice = self.lattice(functional.pixel_unshuffle(waves, SETTINGS.heat_px))
+        fine = (self.first(blocks) + lattice).relu()
         coarse = self.mid[0](self.down(fine).relu()).relu()
         coarse = coarse + self.mid[1](coarse).relu()
         deep = self.deep2(self.deep(coarse).relu()).relu()
@@ -106,14 +106,14 @@ class Judge(nn.Module):
 
 
 def waves_of(shapes: Tensor, samples: tuple[int, int]) -> Tensor:
-    """Tell rows and columns (n,2) to the judge: a wave down a candidate for each row, and across for each column.
+    """Draw rows and columns (n,2) as waves: down a candidate with a period per row, across with one per column.
 
     Args:
         shapes: rows and columns.
         samples: px of a part of ``SQUARE``, down and across.
 
     Returns:
-        (n,2,H,W) -1 to 1, 0 around the candidates.
+        (n,2,H,W) -1 to 1; beyond the candidate's ends a wave is 0.
     """
     waves = []
     for leds, count in zip(shapes.unbind(1), samples, strict=True):

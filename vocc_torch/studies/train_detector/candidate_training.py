@@ -22,12 +22,6 @@ from vocc_torch.studies.train_detector.sampling import (
 BATCH = 128
 """Candidates that are looked at together."""
 
-EDGED = 0.1
-"""Share of pictures that the frame ends in, on each of the four sides."""
-
-EDGE_REACH = 1.2
-"""Deepest such end, in margins of a picture."""
-
 
 @dataclass(frozen=True)
 class CandidateTraining(NetworkTraining):
@@ -43,6 +37,8 @@ class CandidateTraining(NetworkTraining):
     shift: float
     bend: float  # of each corner
     small: float  # shift of candidates that are taken again
+    edges: float = 0.1  # share of pictures, for each side, in which the frame ends
+    edge_margins: float = 1.2  # deepest edge of the frame, in margins of a picture
 
 
 class CandidateSampler(Sampler):
@@ -52,7 +48,7 @@ class CandidateSampler(Sampler):
 
     @abstractmethod
     def shows(self, form: Form) -> Tensor:
-        """Say which frames (N,) show a panel of a form, or clutter for it."""
+        """Say of which frames (N,) pictures of a form are taken, with a panel or without one."""
 
     @abstractmethod
     def candidates(self, networks: Networks, frames: Tensor) -> Found:
@@ -113,12 +109,12 @@ class CandidateSampler(Sampler):
             self.last.append(looks[-1])
 
     def seen(self, found: Found, quads: Tensor, form: Form) -> Pictures:
-        """Read pictures; in some the frame ends near the panel or a little inside."""
+        """Read pictures; in some the frame ends near the panel, or cuts a little of it off."""
         pictures = super().seen(found, quads, form)
-        grey = pictures.grey
+        options, grey = self.settings, pictures.grey
         for axis, sides in ((1, form.cells.rows), (2, form.cells.columns)):
-            deepest = EDGE_REACH * form.margin / (sides + 2 * form.margin)
-            grey = edged(grey, axis, deepest)
+            deepest = options.edge_margins * form.margin / (sides + 2 * form.margin)
+            grey = with_edges(grey, axis, options.edges, deepest)
         return pictures._replace(grey=grey)
 
     def look(self, networks: Networks, form: Form, found: Found) -> Found:
@@ -127,30 +123,31 @@ class CandidateSampler(Sampler):
         for start in range(0, len(found.frame), BATCH):
             some = found.rows(slice(start, start + BATCH))
             grey = self.pool.read(some.frame, some.quads, form)
-            shapes = self.shapes[some.frame]
+            shapes = self.pool.sought[some.frame]
             logit, cells = self.looked(networks, form, grey, shapes)
             quads = map_points(some.quads, cells.double(), form.cells)
             parts.append(some._replace(quads=quads, score=logit))
         return joined(parts)
 
 
-def edged(grey: Tensor, axis: int, deepest: float) -> Tensor:
-    """Repeat the last line of some pictures (n,H,W) from where the frame ends.
+def with_edges(grey: Tensor, axis: int, share: float, deepest: float) -> Tensor:
+    """Let the frame end within some pictures (n,H,W): beyond its edge its last line is repeated.
 
     Args:
         grey: the pictures.
         axis: 1 for rows, 2 for columns.
-        deepest: end, in shares of a side.
+        share: of pictures with an edge at the one end, and at the other.
+        deepest: how far an edge lies within a picture at most, as a share of its side.
 
     Example:
         >>> grey = torch.arange(20.0).expand(1000, 1, 20)
-        >>> ends = edged(grey, 2, 0.2)[:, 0, [0, -1]]
+        >>> ends = with_edges(grey, 2, 0.5, 0.2)[:, 0, [0, -1]]
         >>> ends.amin(0).tolist(), ends.amax(0).tolist()
         ([0.0, 15.0], [4.0, 19.0])
     """
     count, length = len(grey), grey.shape[axis]
     cut, depth = torch.rand(2, 2, count, device=grey.device)
-    off = ((cut < EDGED) * depth * (deepest * length + 1)).long()[..., None]
+    off = ((cut < share) * depth * (deepest * length + 1)).long()[..., None]
     lines = torch.arange(length, device=grey.device).expand(count, length)
     lines = lines.maximum(off[0]).minimum(length - 1 - off[1])
     lines = lines[..., None] if axis == 1 else lines[:, None]

@@ -53,10 +53,10 @@ class JudgeSampler(CandidateSampler):
         return Form(shape, SQUARE, samples, judging.SETTINGS.margin)
 
     def shows(self, form: Form) -> Tensor:
-        """Say of which frames (N,) the picture of a panel is as large."""
+        """Say in which frames (N,) a panel is looked for whose picture has the form's size."""
         sizes = [
             judging.samples_of(PanelShape(*sides)) == form.samples
-            for sides in self.shapes.tolist()
+            for sides in self.pool.sought.tolist()
         ]
         return torch.tensor(sizes, device=self.pool.device)
 

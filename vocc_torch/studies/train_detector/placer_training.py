@@ -62,7 +62,7 @@ class PlacerSampler(CandidateSampler):
         return Form(shape, shape, (options.samples,) * 2, options.margin)
 
     def shows(self, form: Form) -> Tensor:
-        """Say which frames (N,) show a panel of the shape; frames without a panel are shared out."""
+        """Say which frames (N,) show a panel of the shape; each form has its share of frames without one."""
         shapes, forms = self.pool.shapes, SETTINGS.shapes
         numbers = torch.arange(len(shapes), device=shapes.device)
         shared = numbers % len(forms) == forms.index(form.shape.sides)

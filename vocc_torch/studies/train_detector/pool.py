@@ -250,6 +250,13 @@ class Pool:
         return self.shapes[:, 0] == 0
 
     @property
+    def sought(self) -> Tensor:
+        """Rows and columns (N,2) of the panel that is looked for, also in frames without a panel."""
+        shapes = torch.tensor(SHAPES, device=self.device)
+        numbers = torch.arange(len(self.shapes), device=self.device) % len(shapes)
+        return torch.where(self.empty[:, None], shapes[numbers], self.shapes)
+
+    @property
     def pitch_px(self) -> Tensor:
         """Mean distance of LEDs (N,), NaN without a panel."""
         sides = torch.stack(cell_size_px(self.corners_px, PanelShape(1, 1)))

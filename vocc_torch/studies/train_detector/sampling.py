@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from vocc_torch.receiver.detector.scout import Scout, propose
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.resample import cell_homography, corner_cells, map_cells
-from vocc_torch.studies.train_detector.pool import SHAPES, Form, Pool
+from vocc_torch.studies.train_detector.pool import Form, Pool
 from vocc_torch.types import PanelShape
 
 UNIT = PanelShape(1, 1)
@@ -122,7 +122,6 @@ class Sampler(ABC):
 
     def __init__(self, pool: Pool, scale: int = 1) -> None:
         self.pool, self.scale = pool, scale
-        self.shapes = shapes_sought(pool)
         shapes = self.settings.shapes
         self.forms = [self.form(PanelShape(*sides)) for sides in shapes]
         self.rendered = [self.panels(form) for form in self.forms]
@@ -168,15 +167,17 @@ class Sampler(ABC):
         ]
         quads = torch.cat([self.moved(found, form, rough) for found, rough in drawn])
         found = joined([found for found, _ in drawn])
-        views, shapes = torch.tensor(VIEWS), self.shapes[found.frame]
-        if torch.rand(()) < 0.5:
-            shapes = shapes.flip(1)
+        views = torch.tensor(VIEWS)
+        transposed = bool(torch.rand(()) < 0.5)
+        if transposed:
             form, views = form.transposed, views[:, list(TRANSPOSED)]
         order = views[torch.randint(len(views), (len(quads), 1))]
         order = order.mT.expand(-1, -1, 2).to(quads.device)
         found = found._replace(truth=found.truth.gather(1, order))
-        seen = self.seen(found, quads.gather(1, order), form)
-        return form, seen._replace(shapes=shapes)
+        pictures = self.seen(found, quads.gather(1, order), form)
+        if transposed:
+            pictures = pictures._replace(shapes=pictures.shapes.flip(1))
+        return form, pictures
 
     def seen(self, found: Found, quads: Tensor, form: Form) -> Pictures:
         """Read pictures about corners (n,4,2) px of the frames of candidates."""
@@ -185,7 +186,7 @@ class Sampler(ABC):
         panel = found.truth.flatten(1).any(1)
         corners = cells_at(found.truth, quads, form.cells).float()
         corners = corners * panel[:, None, None]
-        return Pictures(grey, corners, panel, self.shapes[found.frame])
+        return Pictures(grey, corners, panel, self.pool.sought[found.frame])
 
 
 def panels_of(pool: Pool, frame: Tensor, level: Tensor) -> Found:
@@ -195,17 +196,10 @@ def panels_of(pool: Pool, frame: Tensor, level: Tensor) -> Found:
     return Found(frame, level, corners, score, corners)
 
 
-def shapes_sought(pool: Pool) -> Tensor:
-    """Give rows and columns (N,2) of the panel that is looked for in each frame, also where there is none."""
-    shapes = torch.tensor(SHAPES, device=pool.device)
-    numbers = torch.arange(len(pool.shapes), device=pool.device)
-    return torch.where(pool.empty[:, None], shapes[numbers % len(shapes)], pool.shapes)
-
-
 def proposals(net: Scout, pool: Pool, frames: Tensor) -> Found:
     """Take the scout's candidates of frames."""
     parts = [panels_of(pool, frames[:0], frames[:0])]
-    shapes = shapes_sought(pool)[frames].tolist()
+    shapes = pool.sought[frames].tolist()
     for frame, sides in zip(frames.tolist(), shapes, strict=True):
         shape = PanelShape(*sides)
         quads, score, level = propose(net, pool.pyramid(frame), shape)
