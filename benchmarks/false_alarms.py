@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from scipy.stats import genpareto
+from scipy.stats import anderson, genpareto
 
 import vocc_torch as vt
 from vocc_torch import PanelShape
@@ -51,6 +51,10 @@ WORLDS = (
 """Scenes, and the keys of their frames: by one key a street by night would be that of a day, in the dark."""
 BATCH = 8
 STATED = 1e-3
+SHARES = (0.07, 0.02, 0.005)
+"""Shares of the frames above a floor."""
+LEAST_ABOVE = 20
+"""Frames above a floor, at least, but for the first."""
 HEAD = (
     "locator,rows,columns,frames,score,greatest,tail_frames,low,high,above,"
     "above_low,above_high,pareto_shape,shape_low,shape_high,anderson_darling"
@@ -127,6 +131,18 @@ def score(path: Path, frames: range, shapes: list[str]) -> None:
         print(f"{numbers.stop - frames.start} of {len(frames)}", flush=True)
 
 
+def fitted(shape: PanelShape, maxima: torch.Tensor) -> FalseAlarms:
+    """Fit the greatest scores (N,) of N panel-free frames, minus infinity where there is none."""
+    ordered = maxima.sort(descending=True).values
+    first, *ranks = (round(share * len(ordered)) for share in SHARES)
+    counts = (max(10, first), *(rank for rank in ranks if rank >= LEAST_ABOVE))
+    # A floor that is no score tells nothing of those above it.
+    above = tuple(count for count in counts if ordered[count].isfinite())
+    floors = tuple(ordered[[*above]].tolist())
+    scale = max(float((ordered[: above[-1]] - floors[-1]).mean()), 1e-6)
+    return FalseAlarms(LOCATOR, *astuple(shape), len(ordered), above, floors, scale)
+
+
 def interval(row: FalseAlarms, score: float) -> tuple[float, float]:
     """95 % bounds of the expected false alarms, from the frames that passed the last floor."""
     middle = float(row.expected(torch.tensor([score], dtype=torch.float64))[0])
@@ -141,21 +157,16 @@ def quality(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     far = row.scale * float(np.log(rates[-1] / STATED))
     near = float(np.interp(-np.log(STATED), -np.log(rates), row.floors))
     at = floor + far if rates[-1] > STATED else near
-    excess = found[found > floor].sub(floor).sort().values.numpy()
+    excess = found[found > floor].sub(floor).numpy()
     above = int((found >= at).sum())
     counted = clopper_pearson(above, len(found))
-    bent = float(genpareto.fit(excess, floc=0)[0])
+    bent = genpareto.fit(excess, floc=0)[0]
     # Of tails that end so abruptly likelihood has no such bounds.
     spread = 1.96 * (1 + bent) / math.sqrt(len(excess)) if bent > -0.5 else math.nan
-    below = np.clip(1 - np.exp(-excess / excess.mean()), 1e-12, 1 - 1e-12)
-    odd = 2 * np.arange(len(excess)) + 1
-    terms = odd * (np.log(below) + np.log(1 - below[::-1]))
-    darling = -len(excess) - float(terms.mean())
-    numbers = [at, float(found.max()), row.above[-1], *interval(row, at)]
-    numbers += [above, counted.low, counted.high, bent, bent - spread, bent + spread]
-    numbers.append(darling * (1 + 0.6 / len(excess)))
-    start = [row.locator, *map(str, (row.rows, row.columns, row.frames))]
-    return start + [f"{number:.4g}" for number in numbers]
+    darling = anderson(excess, "expon").statistic * (1 + 0.6 / len(excess))
+    numbers = [at, found.max(), row.above[-1], *interval(row, at), above]
+    numbers += [counted.low, counted.high, bent, bent - spread, bent + spread, darling]
+    return [*map(str, astuple(row)[:4]), *(f"{number:.4g}" for number in numbers)]
 
 
 def cells(row: FalseAlarms) -> list[str]:
@@ -174,9 +185,9 @@ def write_tables(known: dict[tuple[int, str], float]) -> None:
     for text in shapes:
         maxima = [best for (_, other), best in known.items() if other == text]
         found = torch.tensor(maxima, dtype=torch.float64)
-        rows.append(FalseAlarms.of(LOCATOR, shape_of(text), found))
+        rows.append(fitted(shape_of(text), found))
         lines.append(quality(rows[-1], found))
-        print(dict(zip(lines[0], lines[-1], strict=True)), flush=True)
+        print(dict(zip(lines[0], lines[-1], strict=True)))
     with TABLE.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(FalseAlarms.__dataclass_fields__)
@@ -194,9 +205,9 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     path = scores_file()
-    last = arguments.first + arguments.frames
+    frames = range(arguments.first, arguments.first + arguments.frames)
     with torch.inference_mode():
-        score(path, range(arguments.first, last), arguments.shapes)
+        score(path, frames, arguments.shapes)
     write_tables(read_scores(path))
 
 

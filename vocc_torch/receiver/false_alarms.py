@@ -4,7 +4,6 @@ import csv
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 import torch
@@ -15,8 +14,6 @@ from vocc_torch.types import PanelShape
 
 TABLE = Path(__file__).parent / "false_alarms.csv"
 """What ``benchmarks/false_alarms.py`` wrote."""
-
-_SHARES, _LEAST_ABOVE, _LEAST_FRAMES = (0.07, 0.02, 0.005), 20, 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +34,9 @@ class FalseAlarms:
         scale: mean excess above the last floor.
 
     Example:
-        >>> maxima = -torch.rand(1000, generator=torch.Generator().manual_seed(0)).log()
-        >>> table = FalseAlarms.of("mine", PanelShape(), maxima)
-        >>> bool(abs(table.expected(torch.tensor([5.0]))[0] / 0.0067 - 1) < 0.5)
-        True
+        >>> row = FalseAlarms("mine", 8, 8, 1000, (100, 10), (2.0, 4.0), 1.0)
+        >>> [round(rate, 4) for rate in row.expected(torch.tensor([1.0, 2.0, 4.0])).tolist()]
+        [1.0, 0.1, 0.01]
     """
 
     locator: str
@@ -50,35 +46,6 @@ class FalseAlarms:
     above: tuple[int, ...]
     floors: tuple[float, ...]
     scale: float
-
-    @classmethod
-    def of(cls, locator: str, shape: PanelShape, maxima: Tensor) -> Self:
-        """Fit the greatest scores (N,) of N panel-free frames, minus infinity where there is none.
-
-        Raises:
-            VoccError: fewer than 50 frames, or too few with a score.
-        """
-        if len(maxima) < _LEAST_FRAMES:
-            raise VoccError.of(
-                "frames", len(maxima), f"at least {_LEAST_FRAMES} to calibrate on"
-            )
-        ordered = maxima.double().sort(descending=True).values
-        first, *ranks = (round(share * len(ordered)) for share in _SHARES)
-        counts = (max(10, first), *(rank for rank in ranks if rank >= _LEAST_ABOVE))
-        # A floor that is no score tells nothing of those above it.
-        above = tuple(count for count in counts if ordered[count].isfinite())
-        if not above:
-            scored = int(ordered.isfinite().sum())
-            raise VoccError.of(
-                "maxima",
-                f"{scored} scores",
-                f"{counts[-1] + 1} at least to calibrate on",
-            )
-        floors = tuple(float(ordered[score]) for score in above)
-        scale = max(float((ordered[: above[-1]] - floors[-1]).mean()), 1e-6)
-        return cls(
-            locator, shape.rows, shape.columns, len(ordered), above, floors, scale
-        )
 
     def expected(self, score: Tensor) -> Tensor:
         """False alarms that a panel-free frame gives at these scores or better; below the first floor 1."""
