@@ -77,9 +77,11 @@ def signature(name: str, thing: Callable[..., object]) -> str:
         text,
     )
     text = re.sub(r"<function .*? at 0x[0-9a-f]+>", "...", text)
-    text = f"{name}{text}".replace("'", "")
+    # The quotes of values stay, those of types go.
+    text = re.sub(r"(= '[^']*'|Literal\[[^]]*\])|'", r"\1", f"{name}{text}")
     if len(text) > MOST_SIGNATURE:
         text = re.sub(r", (?=\*|\w+: )", ",\n    ", text).replace("(", "(\n    ", 1)
+        text = re.sub(r"\)(?= -> \S+$|$)", "\n)", text)
     return text
 
 
@@ -127,7 +129,9 @@ def methods(kind: type) -> str:
         shown = (
             name
             if isinstance(plain, property)
-            else " ".join(signature(name, plain).split())
+            else re.sub(
+                r"(?<=\() | (?=\))", "", " ".join(signature(name, plain).split())
+            )
         )
         rows.append((f"`{shown}`", marked(text.strip().splitlines()[0])))
     return table(["method or property", "what it does"], rows) if rows else ""

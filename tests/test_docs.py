@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 from hydra.core.global_hydra import GlobalHydra
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -51,6 +52,16 @@ def test_a_run_name_stands_on_one_page():
         for name in re.findall(r"\bname=(\w+)", code):
             pages.setdefault(name, set()).add(page.name)
     assert [name for name in pages if len(pages[name]) > 1] == ["first"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["classifiers", "effects", "readings", "robustness", "scorecard", "severity"],
+)
+def test_the_columns_are_those_of_the_measured_file(name):
+    head = (DOCS / "results" / f"{name}.csv").read_text("utf-8").partition("\n")[0]
+    sections = yaml.safe_load((DOCS / "columns.yaml").read_text("utf-8"))
+    assert head.split(",") == list(sections[f"{name}.csv"]["columns"])
 
 
 @pytest.mark.parametrize("name", ["api", "columns", "effects", "keys"])
