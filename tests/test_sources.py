@@ -75,6 +75,21 @@ def test_helpers_travel_with_a_file(code):
     }
 
 
+def test_a_file_in_the_working_folder_takes_its_helpers_and_not_the_package(
+    code, monkeypatch
+):
+    (code / "vocc_torch").mkdir()
+    (code / "vocc_torch/__init__.py").write_text("")
+    file = code / "mine.py"
+    file.write_text(f"import vocc_torch\n{file.read_text()}")
+    monkeypatch.chdir(code)
+    assert {*ModuleFile("mine.py").texts} == {
+        "mine.py",
+        "helpers/__init__.py",
+        "helpers/levels.py",
+    }
+
+
 def test_a_model_of_a_changed_helper_is_refused_and_one_of_a_changed_package_is_not(
     code, monkeypatch
 ):

@@ -87,16 +87,18 @@ class ModuleFile:
         Raises:
             VoccError: the file cannot be read.
         """
-        folder, finder = self.place.parent, ModuleFinder([str(self.place.parent)])
-        texts = {self.place.name: read_file(self.place)}
+        place = self.place.absolute()
+        # The package may lie in the same folder: its own version is recorded elsewhere.
+        finder = ModuleFinder([str(place.parent)], excludes=["vocc_torch"])
+        texts = {place.name: read_file(self.place)}
         with suppress(SyntaxError, ValueError):  # told of when the file is run
-            finder.run_script(str(self.place))
+            finder.run_script(str(place))
         for path in (
             Path(getattr(module, "__file__", None) or "")
             for module in finder.modules.values()
         ):
-            if path != self.place and path.is_file():
-                texts[path.relative_to(folder).as_posix()] = read_file(path)
+            if path != place and path.is_file():
+                texts[path.relative_to(place.parent).as_posix()] = read_file(path)
         return texts
 
     @property

@@ -17,23 +17,18 @@ class Brightest:
     def __call__(self, frames, shape):
         """Give the corners of the grid of LED cells, clockwise from the top left, on the sensor."""
         grey = frames.grey[:, 0].double()
-        # A crop may say what grey is around it.
-        known = frames.surround is not None
-        background = (
-            frames.surround.double() if known else grey.flatten(1).median(dim=1).values
-        )
+        background = grey.flatten(1).median(dim=1).values
+        if frames.surround is not None:  # the grey around a crop
+            background = frames.surround.double()
         rise = (grey.flatten(1).amax(dim=1) - background)[:, None, None]
         bright = (grey - background[:, None, None] >= self.share * rise) & (rise > 0)
         left, right = ends(bright.any(dim=1), shape.columns)
         top, bottom = ends(bright.any(dim=2), shape.rows)
         found = bright.flatten(1).any(dim=1)
-        x, y = (
-            torch.stack([left, right, right, left], dim=1),
-            torch.stack([top, top, bottom, bottom], dim=1),
-        )
-        corners = (torch.stack([x, y], dim=2) + frames.origin_px[:, None]) * found[
-            :, None, None
-        ]
+        x = torch.stack([left, right, right, left], dim=1)
+        y = torch.stack([top, top, bottom, bottom], dim=1)
+        corners = torch.stack([x, y], dim=2) + frames.origin_px[:, None]
+        corners *= found[:, None, None]
         return Panels(corners, found, found.double(), found.long())
 
 

@@ -2,8 +2,8 @@
 Importance sampling against counting
 ====================================
 
-``budget=rare`` draws frames where errors are likely and weights each by how likely it is in the scene.
-The bars are 95 % intervals of the same rate. The weighted one is much narrower.
+``budget=rare`` draws more frames where errors are likely, and weights each frame by its probability in the scene.
+The bars are 95 % intervals of the same rate. The interval of the weighted frames is much narrower.
 """
 
 import os
@@ -29,5 +29,6 @@ for run, name in zip(runs, BUDGETS, strict=True):
     run.wait()
     row = np.genfromtxt(f"runs/{name}/ber.csv", delimiter=",", names=True)
     plt.semilogx([row["ber_low"], row["ber_high"]], [name, name], lw=8)
+plt.margins(y=0.5)
 plt.xlabel("bit error rate at 1800 lx")
 plt.show()

@@ -2,8 +2,8 @@
 A feature of your own
 =====================
 
-``examples/features/cell_deviation.py`` measures how much the grey varies in an LED's cell: much where an On
-LED stands out. FLDA takes it beside the paper's features.
+``examples/features/cell_deviation.py`` measures how much the grey varies in an LED's cell. In the cells of On LEDs it
+varies more. FLDA uses the feature together with the paper's three.
 """
 
 import matplotlib.pyplot as plt
