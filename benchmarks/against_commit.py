@@ -1,10 +1,9 @@
 """HEAD against another commit, in one run: did a change slow it down?
 
-Each side is a process of its own that imports its own sources. Without ``--command`` it does the same work
-of the paper's scenes whenever it is told to: it renders 64 scenes, or reads 32 full-HD frames that it
-rendered before, or does the whole link on 256 crops; a sum of the pixels or bits is compared too. With
-``--command`` it is a whole command in an empty folder. The sides take turns, every other round the other way
-about, so that a busy spell hits both. The ratio of each round is taken before the median.
+Each commit has a process that imports its sources. Without ``--command`` a round renders 64 of the paper's scenes,
+or reads 32 full-HD frames, or runs the whole link on 256 crops. The sum of the pixels or bits is compared, too. With
+``--command`` a round is one command in an empty folder. The commits take turns, and the order changes with each round,
+so that other load on the machine affects both. The result is the median of the ratios of single rounds.
 
     python benchmarks/against_commit.py HEAD~5 --rounds 60
     python benchmarks/against_commit.py HEAD~5 --work receiver --batch 1 --processor-time
@@ -86,11 +85,11 @@ for line in sys.stdin:
     print(clock() - begin, int(made.long().sum()), flush=True)
 """
 FRAMES = {"render": 64, "receiver": 32, "link": 256}
-"""What a side may do, and the frames of a round."""
+"""The work of a round, and its number of frames."""
 
 
 def environment(tree: Path) -> dict[str, str]:
-    """Give what makes Python import the package of a tree, and glibc keep freed memory as workers do."""
+    """Give the environment in which Python imports the package of a tree, and glibc keeps freed memory."""
     kept = {
         "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
         "MALLOC_TRIM_THRESHOLD_": str(256 << 20),
@@ -104,7 +103,7 @@ def environment(tree: Path) -> dict[str, str]:
 
 
 class Side:
-    """One tree, at work in a process of its own."""
+    """A process that works with the package of one tree."""
 
     warm_up = 5
 
@@ -140,7 +139,7 @@ class Side:
 
 
 class Command:
-    """One tree, running a command line from start to end."""
+    """A command line that runs with the package of one tree."""
 
     frames, warm_up = 1, 0
 
@@ -164,7 +163,7 @@ class Command:
             return self._now() - begin, 0
 
     def _now(self) -> float:
-        """Give the seconds by the clock, or those that all ended processes have spent."""
+        """Give the time of the clock, or the processor time of all ended processes, s."""
         return (
             time.perf_counter()
             if self.clock == "perf_counter"

@@ -247,7 +247,7 @@ def film(photo: Image.Image) -> bytes:
 
 
 def odd_file(path: Path, kind: str) -> None:
-    """Put what is no file where one is expected."""
+    """Make a pipe, a device, a folder, a broken link or a huge file where an ordinary file is expected."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if kind == "fifo":
         os.mkfifo(path)
@@ -263,12 +263,12 @@ def odd_file(path: Path, kind: str) -> None:
 
 
 def written(folder: Path, place: Path, content: bytes) -> None:
-    """Write over a file of a folder."""
+    """Replace the content of a file in a folder."""
     (folder / place).write_bytes(content)
 
 
 def in_runs(call: Callable[[], object]) -> None:
-    """Make a call that may write where it is made."""
+    """Make a call in the folder ``runs``."""
     os.chdir("runs")
     call()
 
@@ -279,7 +279,7 @@ def json_bytes(value: object) -> bytes:
 
 
 def changed(value: Any, odd: Any) -> Iterator[tuple[str, Any]]:
-    """Put an odd value in each place of nested settings, one at a time."""
+    """Replace each value of nested settings by an odd one, one at a time."""
     places = value.items() if isinstance(value, dict) else enumerate(value)
     for key, inner in list(places):
         other = copy.copy(value)
@@ -501,7 +501,7 @@ class Attacks:
             yield Attempt(name, f"{DECODE} input=pictures", prepare, self.odd_bits)
 
     def resumed(self, name: str, damage: Act) -> Act:
-        """Put a finished run without its results there, and damage it."""
+        """Copy a finished run without its results, and damage it."""
 
         def prepare(folder: Path) -> None:
             shutil.copytree(self.place / name / "runs" / "x", folder / "runs" / "x")
@@ -513,7 +513,7 @@ class Attacks:
     def damaged_files(
         self, name: str, words: str, files: list[Path], many: int
     ) -> Iterator[Attempt]:
-        """Go on with a run of which one file is damaged."""
+        """Resume a run that has a damaged file."""
         for file in files:
             place = file.relative_to(self.place / name / "runs" / "x")
             for what, content in self.damaged(file.read_bytes(), many, 5 * many):
@@ -563,7 +563,7 @@ class Attacks:
                 yield self.forged(f"{place} is {odd}", "frames = 0", content)
 
     def forged(self, name: str, where: str, content: bytes) -> Attempt:
-        """Go on with a ledger of which some rows have other content."""
+        """Resume from a ledger in which some rows have other content."""
 
         def forge(run: Path) -> None:
             with closing(sqlite3.connect(run / "ledger.sqlite")) as file, file:
@@ -585,7 +585,7 @@ class Attacks:
         yield from self.damaged_files("learned", LEARNED, kept, 10)
 
     def names(self) -> Iterator[Attempt]:
-        """Names of runs that lead out, hide, shout or do not fit."""
+        """Names of runs: outside the folder, hidden, with control characters, too long."""
         bad = [
             "",
             " x",
@@ -602,7 +602,7 @@ class Attacks:
             yield Attempt(f"{name!r} {' '.join(many)}", tuple(words))
 
     def kills(self) -> Iterator[Attempt]:
-        """Commands that are ended from outside at any moment: the same command ends with the same results."""
+        """Commands that are killed at any moment: repeated, they give the same results."""
         commands = {
             "run": (RUN, "ber.csv"),
             "learned": (LEARNED, "ber.csv"),
@@ -650,7 +650,7 @@ class Attacks:
                 yield Attempt(told, words, wrong=same, act=second, again=True)
 
     def disk_full(self) -> Iterator[Attempt]:
-        """A disk full at any size of a file, also of that of the refusal; afterwards there is room."""
+        """A disk that is full at any size of a file, also of the file with the error; later there is room."""
         sizes = (
             0,
             1000,
@@ -696,7 +696,7 @@ class Attacks:
             )
 
     def yaml(self) -> Iterator[Attempt]:
-        """Scenes, plans, saved configurations and multiruns that a stranger has made."""
+        """Scenes, plans, saved configurations and multiruns of another person."""
         os.environ["SECRET"] = "very-secret"
 
         def told(folder: Path, ran: Ran) -> str:

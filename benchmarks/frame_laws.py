@@ -19,12 +19,12 @@ BITS = 64
 """Bits in a frame."""
 WRONG = np.arange(BITS + 1)
 RAREST_LINE = 1e-10
-"""A line this rare never comes up; the truth is taken from the lines that are left."""
+"""Rarer outcomes are left out, also of the true rate."""
 
 
 @dataclass(frozen=True)
 class Law:
-    """What happens in a frame.
+    """Distribution of the outcomes of a frame: K outcomes, L receivers.
 
     Args:
         halves: (K,L) int64, the half errors of each of L receivers.
@@ -44,11 +44,11 @@ class Law:
     def draw(
         self, rng: np.random.Generator, frames: int, studies: int
     ) -> NDArray[np.int64]:
-        """Draw how often each line comes up in each of some studies, (studies,K)."""
+        """Draw how often each outcome occurs in each study, (studies,K)."""
         return rng.multinomial(frames, self.share, size=studies)
 
     def counts(self, drawn: NDArray[np.int64], receiver: int = 0) -> list[Counts]:
-        """Sum up what one receiver got wrong in each study."""
+        """Count the errors of one receiver in each study."""
         halves, frames = self.halves[:, receiver], drawn.sum(axis=1)
         sums = drawn @ np.stack([halves, halves**2, halves > 0, self.missed], axis=1)
         rows = zip(frames.tolist(), sums.tolist(), strict=True)
@@ -73,7 +73,7 @@ def of_bits(share: NDArray[np.float64]) -> Law:
 
 
 def independent(ber: float) -> Law:
-    """Every bit is wrong by itself."""
+    """Bits are wrong independently of each other."""
     return of_bits(binom.pmf(WRONG, BITS, ber))
 
 
@@ -84,12 +84,12 @@ def clustered(ber: float, correlation: float) -> Law:
 
 
 def exactly(bits: int) -> Law:
-    """So many bits of every frame are wrong."""
+    """Every frame has this number of wrong bits."""
     return of_bits((bits == WRONG).astype(np.float64))
 
 
 def mixed(rare: Law, probability: float, usual: Law) -> Law:
-    """Take a frame of one law with a probability, and else of another."""
+    """Draw a frame from one law with this probability, otherwise from the other."""
     shares = probability * rare.share, (1 - probability) * usual.share
     return Law(
         np.concatenate([rare.halves, usual.halves]),
@@ -105,7 +105,7 @@ def with_missed(law: Law, probability: float) -> Law:
 
 
 def joint(law: Law, second: NDArray[np.float64]) -> Law:
-    """Put a second receiver beside a first.
+    """Make the joint law of two receivers.
 
     Args:
         law: of the first receiver alone, without missed panels.
@@ -124,5 +124,5 @@ def corrected(law: Law, share: float) -> Law:
 
 
 def separate(first: Law, second: Law) -> Law:
-    """Put two receivers side by side whose errors have nothing to do with each other."""
+    """Make the joint law of two receivers with independent errors."""
     return joint(first, second.share[None])

@@ -170,7 +170,7 @@ def tests(settings: Settings) -> Iterator[Row]:
 def stages_of(
     settings: Settings, device: str, batch: int, flda: FLDA
 ) -> tuple[Callable[[], None], dict[str, Callable[[], Any]]]:
-    """Give the whole link on a batch, and its stages, each on what the one before it gave last."""
+    """Give the link on a batch and its stages; each stage gets the last output of the stage before."""
     link, world = link_on(device, batch)
     decider = bank_of(["flda_3"], flda)["flda_3"].to(torch.device(device))
     keys = block_keys(0, "gpu", batch)
@@ -324,7 +324,7 @@ def memory(settings: Settings) -> Iterator[Row]:
 
 @torch.inference_mode()
 def compiled(settings: Settings) -> Iterator[Row]:
-    """Compare the features, compiled into a graph, with the same function as it is."""
+    """Compare the compiled features with those of the uncompiled function."""
     link, world = link_on(settings.device, settings.middle_batch)
     seen = next(iter(observed(link, world, settings.middle_batch)))
     (patches,) = link.reader.rectify([seen.frames], seen.panels)
@@ -358,11 +358,11 @@ SECTIONS: dict[str, tuple[Callable[[Settings], Iterator[Row]], float]] = {
     "memory": (memory, 30.0),
     "compiled": (compiled, 40.0),
 }
-"""What is measured, in order of weight, and for how many seconds at most."""
+"""The sections, the most important first, with their limits in s."""
 
 
 def write(path: Path, section: str, device: str, row: Row) -> None:
-    """Append a row, on the disk before the next is measured."""
+    """Append a row and write it to disk before the next measurement."""
     fresh = not path.exists()
     with path.open("a", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, FIELDS, restval="", lineterminator="\n")
@@ -402,7 +402,7 @@ def apart(section: str, settings: Settings, path: Path, words: list[str]) -> Non
 
 
 def main() -> None:
-    """Measure what is asked for."""
+    """Measure the chosen sections."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--csv", type=Path, required=True, help="file for the rows")
     parser.add_argument("--only", choices=SECTIONS, help="one section, in this process")

@@ -1,4 +1,4 @@
-"""Do the 95 % intervals hold the truth in 95 % of the cases? Simulated on frames whose truth is known.
+"""Coverage of the 95 % intervals, on simulated frames whose true error rate is known.
 
 Writes a CSV file for each table of ``docs/results/coverage``:
 
@@ -41,7 +41,7 @@ from vocc_torch.rng import BLOCK_FRAMES
 FRAMES = 2000
 """Frames in a study, the paper's number for a point."""
 ENDLESS = 10**12
-"""A budget of frames that no study comes near."""
+"""A budget of frames that no study reaches."""
 KEY = Key("truth", "receiver"), 0
 
 Ends: TypeAlias = NDArray[np.float64]
@@ -69,7 +69,7 @@ PAIRS: dict[str, Law] = {
 
 
 def ends_of(intervals: Sequence[Estimate]) -> Ends:
-    """Line up the ends."""
+    """Stack the ends of intervals, (studies,2)."""
     return np.array([(found.low, found.high) for found in intervals])
 
 
@@ -119,7 +119,7 @@ def one_receiver(rng: np.random.Generator, studies: int) -> Table:
 
 
 def rare_kinds(rng: np.random.Generator, studies: int) -> Table:
-    """Frames of a kind so rare that many studies never see one."""
+    """Coverage where a kind of frame is so rare that many studies have none."""
     heads = ("bad frames expected", "share of the BER, %", "never occur, %")
     rows: Table = [(*heads, "covers, %", "truth below / above, %")]
     for expected in (0.3, 1, 2, 3, 5, 10, 30):
@@ -155,7 +155,7 @@ def two_receivers(rng: np.random.Generator, studies: int) -> Table:
 def stop(
     law: Law, rng: np.random.Generator, studies: int, rule: Budget
 ) -> list[Counts]:
-    """Stop each study after the block at which the rule ends it."""
+    """Count each study up to the block at which the rule stops it."""
     lines = np.zeros((studies, len(law.share)), dtype=np.int64)
     going, blocks = np.arange(studies), 0
     while going.size:

@@ -2,7 +2,7 @@
 
     python benchmarks/receivers_by_scene.py
 
-A killed run goes on: trained receivers are kept in ``--models``, and each finished part is in its table.
+A repeated run continues: trained receivers are in ``--models``, finished parts in their table.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from vocc_torch.rng import FrameKey
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("paper", "highway", "dashcam", "night", "tunnel", "low_sun", "fog")
 LAST = ("mlp_features", "cnn", "mlp")
-"""The dear ones."""
+"""The receivers whose training takes longest; they are trained last."""
 RATIOS = (
     "flda_3",
     "flda_3_mix",
@@ -37,7 +37,7 @@ RATIOS = (
     "boosted_trees",
     *LAST,
 )
-"""Receivers whose scores are meant as log-likelihood ratios before they are calibrated."""
+"""Receivers whose scores are log-likelihood ratios already without calibration."""
 CORNERS = {
     "truth": None,
     "paper": PaperLocator(),
@@ -53,7 +53,7 @@ Rows, Receivers = list[list[object]], dict[str, Receiver]
 
 
 class Table:
-    """A table that grows part by part, and knows which parts it has."""
+    """A CSV table that is written part by part; a repeated run skips the parts that are there."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self.path = folder / f"{name}.csv"
@@ -68,7 +68,7 @@ class Table:
             return any(tuple(row[: len(part)]) == part for row in csv.reader(file))
 
     def add(self, rows: Rows) -> None:
-        """Write rows at once, so that a part is there whole or not at all."""
+        """Write the rows of a part at once, so that no part is incomplete."""
         lines = [
             ",".join(f"{c:.6g}" if isinstance(c, float) else str(c) for c in row)
             for row in rows
@@ -81,7 +81,7 @@ class Table:
 def calibration_error(
     ratios: torch.Tensor, bits: torch.Tensor, bins: int = 20
 ) -> float:
-    """Expected calibration error: how far stated probabilities of On are from what was sent, on average."""
+    """Expected calibration error: mean distance between stated probability of On and share of On, over bins."""
     order = torch.argsort(ratios.flatten(), stable=True)
     stated, sent = (
         torch.sigmoid(ratios.flatten()[order].double()),
@@ -93,7 +93,7 @@ def calibration_error(
 
 
 def trained(models: Path) -> dict[str, Receiver]:
-    """Train what is not there yet, at the panel's true corners, and load all anew from their files."""
+    """Train the missing receivers at true corners, and load all from their files."""
     shipped = [
         path.stem for path in sorted((ROOT / "conf" / "classifier").glob("*.yaml"))
     ]
@@ -179,7 +179,7 @@ def of_lit(receivers: Receivers, scene: str, lit: int, frames: int = 64) -> Rows
 
 
 def main() -> None:
-    """Train, count and write, what is not there yet."""
+    """Train, count and write what is missing."""
     parser = argparse.ArgumentParser(
         description="Receivers by scene and by LEDs that are On."
     )
