@@ -192,18 +192,11 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
     down, across = inverses
     found: Tensor = down @ light @ across.mT
     white = model.grey >= FIT.saturated_dn
-    some = white.flatten(1).any(1).nonzero()[:, 0]
-    if len(some):
-        light, white, down, across = light[some], white[some], down[some], across[some]
-        rows, columns, own = (
-            model.rows.spots[some],
-            model.columns.spots[some].mT,
-            found[some],
-        )
+    if white.any():
+        rows, columns = model.rows.spots, model.columns.spots.mT
         for _ in range(FIT.imputations):
-            guess = torch.maximum(light, rows @ own @ columns)
-            own = down @ torch.where(white, guess, light) @ across.mT
-        found[some] = own
+            guess = torch.maximum(light, rows @ found @ columns)
+            found = down @ torch.where(white, guess, light) @ across.mT
     return found
 
 
