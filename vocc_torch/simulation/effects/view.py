@@ -251,18 +251,14 @@ class LensDistortion(PointEffect):
         Raises:
             VoccError: as :meth:`limit`.
         """
-        limit = self.limit(camera)
-        low, high = 0.0, limit if limit < math.inf else 1.0
-        while self._reach(high) < _corner(camera):
+        # Loaded here because few scenes have a lens.
+        from scipy.optimize import brentq
+
+        limit, corner = self.limit(camera), _corner(camera)
+        high = limit if limit < math.inf else 1.0
+        while self._reach(high) < corner:
             high *= 2
-        for _ in range(60):
-            middle = (low + high) / 2
-            low, high = (
-                (middle, high)
-                if self._reach(middle) < _corner(camera)
-                else (low, middle)
-            )
-        return high
+        return float(brentq(lambda radius: self._reach(radius) - corner, 0.0, high))
 
     def _reach(self, radius: float) -> float:
         """Radius after the distortion."""
