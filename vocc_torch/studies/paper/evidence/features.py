@@ -45,16 +45,14 @@ class Separation:
             >>> Separation.of(values, bits)
             Separation(auc=0.875, wrong_share=0.25)
         """
-        levels, place = np.unique(values.ravel(), return_inverse=True)
-        off, on = (
-            np.bincount(place[bits.ravel() == status], minlength=len(levels))
-            for status in (False, True)
-        )
-        # A threshold at a level takes this and all higher ones for On.
-        wrong = on.cumsum() - on + off.sum() - off.cumsum() + off
-        pairs = float(((off.cumsum() - off / 2) * on).sum())
-        least = min(int(wrong.min()), int(on.sum()))
-        return cls(pairs / float(on.sum() * off.sum()), least / bits.size)
+        off, on = np.sort(values[~bits]), np.sort(values[bits])
+        # A threshold takes its level and all higher ones for On. The best is that of an On LED, or above all.
+        limits = np.append(on, np.inf)
+        below = np.searchsorted(off, limits)
+        wrong = np.searchsorted(on, limits) + off.size - below
+        pairs = (below[:-1] + np.searchsorted(off, on, "right")).sum() / 2
+        area = float(pairs / (on.size * off.size))
+        return cls(area, int(wrong.min()) / bits.size)
 
     @property
     def text(self) -> str:
