@@ -88,6 +88,9 @@ SIZE_STEP = 1.2
 CHUNK_PIXELS = 600_000
 """Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
 
+DEVICE_PIXELS = 8_000_000
+"""Pixels rendered at a time on a GPU: a part costs the host the same calls, however many frames it has."""
+
 PART_FRAMES = 32
 """Frames of several distances that are drawn in crops of one size."""
 
@@ -342,7 +345,7 @@ def drawn_by_distance(
         batch: frames whose panels lie in the middle of their pictures, but for those ``apart``.
         apart: (B,) bool, the frames that are drawn in full size.
         tight_px: height and width of pictures that hold a panel at a distance, or farther.
-        draw: gives the pictures (n,1,h,w) of a part, which is as large as the cache holds.
+        draw: gives the pictures (n,1,h,w) of a part, at most as many pixels as are rendered at a time.
         drawn_px: height and width of these pictures, for a part of the batch's size.
         on_host: whether a further part costs less than the pixels that it saves.
 
@@ -351,7 +354,7 @@ def drawn_by_distance(
     """
     distance_m = torch.where(apart, 0.0, batch.context.scene.distance_m)
     sorted_m, order = distance_m.sort(descending=True, stable=True)
-    most = CHUNK_PIXELS // math.prod(drawn_px)
+    most = (CHUNK_PIXELS if on_host else DEVICE_PIXELS) // math.prod(drawn_px)
     if on_host and sorted_m[0] > SIZE_STEP * sorted_m[-1]:
         most = min(most, PART_FRAMES)
     drawn = []
