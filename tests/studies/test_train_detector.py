@@ -64,7 +64,7 @@ def found_at(small_pool, frames, quads):
 def test_a_block_is_the_same_again(tmp_path):
     for name in ("first", "again"):
         (tmp_path / name).mkdir()
-        block = pool.PoolBlock(tmp_path / name / "b.npz", "street", 4, 8, 3)
+        block = pool.PoolBlock(tmp_path / name / "b.npz", "street", 4, 8, 0, 3)
         pool.render_block(block)
     first, again = (np.load(tmp_path / name / "b.npz") for name in ("first", "again"))
     assert first["grey"].shape == (2, 240, 320)
@@ -78,7 +78,7 @@ def test_frames_are_rendered_on_the_cpu(tmp_path, monkeypatch):
         return replace(load_scene(*words), device="cuda")
 
     monkeypatch.setattr(pool, "load_scene", on_gpu)
-    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "paper", 8, 8, 3))
+    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "paper", 8, 8, 0, 3))
     assert np.load(tmp_path / "b.npz")["grey"].shape == (2, 240, 320)
 
 
@@ -103,7 +103,7 @@ pool.render(pool.blocks_of(Path({str(tmp_path)!r}), 0, 1), Console())
 def test_clutter_is_rendered(tmp_path):
     """Photographs and lattices: no part of a frame is of one grey value."""
     clutter.copy_photographs(tmp_path / pool.PHOTOGRAPHS)
-    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", pool.CLUTTER, 0, 0, 3))
+    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", pool.CLUTTER, 0, 0, 0, 3))
     block = np.load(tmp_path / "b.npz")
     parts = block["grey"].reshape(2, 4, 60, 4, 80).std(axis=(2, 4))
     assert (parts > 0.5).all()
@@ -113,10 +113,19 @@ def test_clutter_is_rendered(tmp_path):
 
 def test_crops_are_put_back_into_their_frames(tmp_path):
     """A plain scene's frame is grey all over but for the crop that is rendered."""
-    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "paper", 8, 8, 3))
+    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "paper", 8, 8, 0, 3))
     grey = np.load(tmp_path / "b.npz")["grey"]
     assert grey.shape == (2, 240, 320)
     assert (grey == np.median(grey, axis=(1, 2), keepdims=True)).mean() > 0.8
+
+
+@pytest.mark.parametrize("camera", range(1, len(pool.CAMERAS)))
+def test_each_camera_shows_panels_at_their_corners(camera, tmp_path):
+    """A frame's LEDs lie where the corners say, also where pixels were halved."""
+    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "street", 8, 8, camera, 5))
+    block = np.load(tmp_path / "b.npz")
+    assert block["grey"].shape == (2, 240, 320)
+    assert block["readable"].any()
 
 
 def test_cells_are_those_of_opencvs_homography():
@@ -277,6 +286,22 @@ def test_beyond_a_frame_crops_have_a_mean_grey_value(small_pool):
     assert len(grey[:64].unique()) == len(grey[:, :64].unique()) == 1
     assert len(grey[64:, 64:].unique()) > 10
     assert 10 < float(grey[0, 0]) < 150
+
+
+def test_a_frame_ends_beside_a_panel_and_not_within(small_pool):
+    """In crops of the scout; without a panel it ends anywhere near the crop's edge."""
+    sampler = run.SAMPLERS["scout"](small_pool)
+    corners = torch.tensor([[0.3, 0.4], [0.6, 0.4], [0.6, 0.7], [0.3, 0.7]])
+    panel = torch.arange(600) < 300
+    grey, shapes = torch.zeros(600, 128, 128), torch.full((600, 2), 8)
+    torch.manual_seed(0)
+    crops = sampling.Pictures(grey, panel[:, None, None] * corners, panel, shapes)
+    inside = sampler.within(crops)
+    assert inside[:300, 52:89, 39:76].all()
+    ends = ~inside[:, 64, [0, -1]]
+    assert 0.05 < float(ends.float().mean()) < 0.2
+    assert not inside[:300, 45].all()
+    assert inside[:, 64, 64].all()
 
 
 def test_taken_candidates_keep_the_panels_place(small_pool):

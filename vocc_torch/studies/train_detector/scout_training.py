@@ -41,6 +41,9 @@ class ScoutTraining(NetworkTraining):
     crop_px: int = 128
     least_pitch_px: float = 1.8  # of LEDs that the scout is to find
     most_pitch_px: float = 4.6  # the next level shows larger ones
+    most_side_px: float = 37.0  # of panels of few LEDs, that larger levels show, too
+    edges: float = 0.12  # share of crops, for each side, in which the frame ends
+    edge_room: float = 0.35  # of a crop without a panel, within which it ends
     off_px: float = 45.0  # of a panel from a crop's middle, at most
     scaled: float = 0.4  # share of crops at another scale than a level's
     scale: tuple[float, float] = (0.75, 1.4)
@@ -70,7 +73,9 @@ class ScoutSampler(Sampler):
         options, pool = SETTINGS, self.pool
         levels = torch.arange(len(pool.sizes), device=pool.device)
         pitch = pool.pitch_px[:, None] / 2.0**levels
-        seen = (pitch >= options.least_pitch_px) & (pitch <= options.most_pitch_px)
+        side = pitch * pool.shapes.prod(1, keepdim=True).sqrt()
+        small = (pitch <= options.most_pitch_px) | (side <= options.most_side_px)
+        seen = (pitch >= options.least_pitch_px) & small
         return panels_of(pool, *(seen & pool.readable[:, None]).nonzero().unbind(1))
 
     def moved(self, found: Found, form: Form, rough: bool) -> Tensor:
@@ -94,9 +99,21 @@ class ScoutSampler(Sampler):
         across = sample_cells(1, SETTINGS.crop_px, 0).to(quads)
         at = grid_places(cell_homography(quads, UNIT), across, across)
         most = at.new_tensor(self.pool.sizes[0]).flip(0)[:, None, None]
-        inside = ((at > 0) & (at < most)).all(1)
+        inside = ((at > 0) & (at < most)).all(1) & self.within(crops)
         mean = crops.grey.mean((1, 2), keepdim=True)
         return crops._replace(grey=torch.where(inside, crops.grey, mean))
+
+    def within(self, crops: Pictures) -> Tensor:
+        """Say where crops are within frames (n,H,W) that end, in some, between the crop's edge and the panel."""
+        options, corners = SETTINGS, crops.corners
+        room = torch.stack([corners.amin(1), 1 - corners.amax(1)])
+        room = room.where(crops.panel[:, None], options.edge_room).clamp(min=0)
+        ends, deep = torch.rand(2, *room.shape, device=room.device)
+        first, last = ((ends < options.edges) * deep.sqrt() * room)[..., None]
+        at = sample_cells(1, options.crop_px, 0).to(room)
+        across, down = ((at > first) & (at < 1 - last)).unbind(1)
+        inside: Tensor = down[:, :, None] & across[:, None]
+        return inside
 
     def mine(self, networks: Networks, frames: Tensor) -> None:
         """Find places in frames without a panel that the scout takes for one."""
