@@ -7,12 +7,13 @@ from vocc_torch.receiver.receiver import Decoded
 
 DOUBTFUL_SCORE = 0.6
 """Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
-DOUBTFUL_MARGIN = 0.075
-"""Of the mean margin: two grey levels of LEDs leave a gap between them, what is no panel hardly ever does.
-Of 146 panels of 8 x 8 LEDs that the detector locates in streets eight are below, six of them with wrong bits."""
+DOUBTFUL_MARGIN = 0.15
+"""Smallest margin of an LED, as a share of the mean margin."""
+DOUBTFUL_PARTED = 5.0
+"""By :func:`parted`: with both limits about two of three readings that are marked have wrong bits
+(``tests/studies/decode/test_judge.py``)."""
 LEAST_PARTED = 6.0
-"""By :func:`parted`: read by ``tag_planes``, of 896 panels that were all On or all Off 889 are below, of 2240
-with 1 to 63 of 64 LEDs On 53, 45 of them with wrong bits."""
+"""By :func:`parted`: of 896 panels that were all On or all Off 889 are below."""
 
 LEAST_CONTRAST = 40.0
 """Digital numbers from the darkest to the brightest cell: of 144 simulated panels of one level nine in ten have
@@ -22,14 +23,16 @@ less (paper, street and night), of 72 panels of random bits one in three."""
 def is_one_level(read: Decoded) -> torch.Tensor:
     """Say which panels (B,) may be all On or all Off: scores that hardly part, and little contrast."""
     contrast = read.appearance[:, APPEARANCE.index("contrast")]
-    return (parted(read.scores, read.bits) < LEAST_PARTED) & (contrast < LEAST_CONTRAST)
+    apart = parted(read.scores, read.bits)
+    return (apart < DOUBTFUL_PARTED) & (contrast < LEAST_CONTRAST)
 
 
 def is_doubtful(read: Decoded) -> torch.Tensor:
-    """Say which frames may hold no panel, (B,): a low score, or an LED that is neither On nor Off."""
+    """Say which frames (B,) may hold no panel or be misread: a low score, or no gap between On and Off."""
     sure = read.scores.abs()
-    clear = sure.amin(dim=(1, 2)) >= DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))
-    return ~clear | ((read.panel_score < DOUBTFUL_SCORE) & read.false_alarms.isnan())
+    close = sure.amin(dim=(1, 2)) < DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))
+    mixed = close & (parted(read.scores, read.bits) < DOUBTFUL_PARTED)
+    return mixed | ((read.panel_score < DOUBTFUL_SCORE) & read.false_alarms.isnan())
 
 
 def parted(scores: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:

@@ -60,7 +60,7 @@ class Reading:
         margin: smallest distance of an LED's score from the threshold.
         panel_score: the locator's score of the panel, 0 to 1.
         candidates: number of places in the frame that could be a panel.
-        is_doubtful: may be no panel: a low score, or an LED between On and Off.
+        is_doubtful: may be no panel, or misread: a low score, or no gap between On and Off LEDs.
         expected_errors: expected number of wrong bits, from the log-likelihood ratios.
         one_level: all LEDs look alike, so all may be On or all Off.
         false_alarms: expected false alarms in a frame without a panel at this score; NaN if unknown.
@@ -100,7 +100,7 @@ class Reading:
     @property
     def judged(self) -> str:
         """The reading and its doubts, in words."""
-        doubt = ", may be no panel" if self.is_doubtful else ""
+        doubt = ", doubtful" if self.is_doubtful else ""
         doubt += ", LEDs look alike" * self.one_level
         others = (
             f"; best of {self.candidates} candidates" if self.candidates > 1 else ""

@@ -122,7 +122,7 @@ def run_files(
     if is_trained:
         places.append(("receiver", "receiver.pt"))
     print_places(console, folder, places)
-    for doubt in summary.doubts(receiver):
+    for doubt in summary.doubts():
         warnings.warn(doubt, stacklevel=2)
     if failures:
         rest = f"bits.csv has the {summary.frames} frames that could be read"

@@ -29,10 +29,8 @@ class Summary:
         frames: how many frames there are.
         shown: how many of them have a panel that was found.
         found: panels that were read, in each colour; the next three are counted among them.
-        doubtful: how many may be no panel.
+        doubtful: how many may be no panel or misread.
         alike: how many have LEDs of one level.
-        strange: how many have smaller LEDs or less contrast than what the receiver learned from.
-        unlike: by name, the last value below what it learned from.
         least_alarms: false alarms a frame at the likeliest place not found; NaN where none are stated.
         likeliest: the frame that shows it.
         most: surely seen in one frame, of a locator that says how sure it is.
@@ -45,8 +43,6 @@ class Summary:
     found: int = 0
     doubtful: int = 0
     alike: int = 0
-    strange: int = 0
-    unlike: dict[str, float] = field(default_factory=dict)
     least_alarms: float = math.nan
     likeliest: str = ""
     most: int = 0
@@ -73,8 +69,6 @@ class Summary:
             self.most = max(self.most, reading.candidates)
         self.doubtful += reading.is_doubtful
         self.alike += reading.one_level
-        self.strange += bool(reading.unlike)
-        self.unlike |= reading.unlike
         if self.best is None or reading.margin > self.best.margin:
             self.best = reading
 
@@ -113,11 +107,9 @@ class Summary:
         )
         return hint
 
-    def doubts(self, receiver: Receiver) -> list[str]:
+    def doubts(self) -> list[str]:
         """Say what makes the bits doubtful."""
-        if not (self.doubtful or self.alike or self.strange):
-            return []
-        return self._said("doubts", receiver=receiver)
+        return self._said("doubts") if self.doubtful or self.alike else []
 
     def _said(self, template: str, **values: object) -> list[str]:
         """Fill in a template of this package."""
