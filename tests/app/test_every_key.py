@@ -155,7 +155,7 @@ def spent(settings):
     if task == "transmit":
         return plan_of(settings, settings.transmit), settings.transmit
     if task == "train_detector":
-        return settings.seed, settings.train_detector
+        return settings.seed, settings.device, settings.train_detector
     if task == "calibrate":
         panel, camera = build_panel(settings.panel), settings.camera
         plan = receiver_plan(settings, panel)
