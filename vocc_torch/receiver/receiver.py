@@ -132,8 +132,10 @@ class Receiver(torch.nn.Module):
         Raises:
             VoccError: another type or shape.
         """
-        with torch.no_grad():
-            return self.forward(Frames.of(images, "images"))
+        with torch.inference_mode():
+            decoded = self.forward(Frames.of(images, "images"))
+        # Copies, for tensors made in inference mode take no part in autograd.
+        return Decoded(*(batch.clone() for batch in decoded))
 
     def decode_several(self, images: Images, most: int) -> tuple[list[int], Decoded]:
         """Read up to ``most`` panels per image. Return the image number of each panel, and what was read.
@@ -147,12 +149,13 @@ class Receiver(torch.nn.Module):
                 "this receiver's locator sees one panel in a frame: detector sees several"
             )
         whole_number("most", most, 1)
-        with torch.no_grad():
+        with torch.inference_mode():
             found = locate_several(self.locator, frames, self.shape, most)
             whose, panels = found.panels(
                 len(frames), self.locator.most_false_alarms, most
             )
-            return whose.tolist(), self.forward(frames[whose], panels)
+            decoded = self.forward(frames[whose], panels)
+        return whose.tolist(), Decoded(*(batch.clone() for batch in decoded))
 
     def forward(self, frames: Images, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at ``panels`` if given; score 0 is On (Eq. 18).
