@@ -10,12 +10,7 @@ from scipy.ndimage import maximum_filter
 from scipy.stats import zscore
 
 from vocc_torch.receiver.detector import pyramid as pyramid_file
-from vocc_torch.receiver.detector.judge import (
-    Judge,
-    judged,
-    samples_of,
-    waves_of,
-)
+from vocc_torch.receiver.detector.judge import Judge, judged, samples_of, waves_of
 from vocc_torch.receiver.detector.layers import standardised
 from vocc_torch.receiver.detector.placer import (
     Placer,

@@ -170,7 +170,7 @@ def image_gradient(patches: Tensor, kernel: Gradient) -> Tensor:
         if is_exporting() or patches.is_cuda
         else torch.split(patches, _CONVOLVED_FRAMES)
     )
-    # Not normalised, the difference is whole, and not half of it.
+    # Normalised, the difference would be half of that of Eq. 6.
     mode, normalised = {"sobel": ("sobel", True), "central": ("diff", False)}[kernel]
     gradients = [spatial_gradient(part, mode, 1, normalised)[:, 0] for part in parts]
     return torch.cat(gradients)

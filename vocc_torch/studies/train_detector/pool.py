@@ -14,11 +14,7 @@ from vocc_torch.api import load_scene
 from vocc_torch.files import atomic_file
 from vocc_torch.hardware import Camera
 from vocc_torch.measure.executors import Workers
-from vocc_torch.receiver.detector.pyramid import (
-    Pyramid,
-    halved,
-    places_of_cells,
-)
+from vocc_torch.receiver.detector.pyramid import Pyramid, halved, places_of_cells
 from vocc_torch.receiver.resample import cell_homography, cell_size_px, centre_greys
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.rng import BlockKey, FrameKey
@@ -45,13 +41,15 @@ class PoolSettings:
 SETTINGS = PoolSettings()
 
 CAMERAS: tuple[tuple[int, tuple[str, ...]], ...] = (
-    (1, ()),
-    (2, ("++scene.effects.blooming.sigma_px=0.3",)),
-    (1, ("+scene.effects.jpeg.quality=85",)),
-    (2, ("+scene.effects.jpeg.quality=60",)),
-    (1, ("++scene.effects.blooming.sigma_px=0.3", "+scene.effects.jpeg.quality=40")),
+    (0, ()),
+    (1, ("++scene.effects.blooming.sigma_px=0.3",)),
+    (0, ("+scene.effects.jpeg.quality=85",)),
+    (1, ("+scene.effects.jpeg.quality=60",)),
+    (0, ("++scene.effects.blooming.sigma_px=0.3", "+scene.effects.jpeg.quality=40")),
 )
-"""What blocks have in turn: how much finer pixels are, before the frames are halved, and what else differs."""
+"""Cameras of the blocks, in turn: how often frames are halved, and overrides of the scene.
+
+Before they are halved, frames have smaller pixels."""
 
 ABSENT = "+scene.effects.panel_absent={}"
 
@@ -123,19 +121,19 @@ def render_block(block: PoolBlock) -> None:
     options = SETTINGS
     rows, columns = (block.rows, block.columns) if block.rows else COMMON[0]
     right, down = options.offset_m
-    finer, differs = CAMERAS[block.camera]
+    halvings, changes = CAMERAS[block.camera]
     camera = Camera()
     width_mm = camera.sensor_width_mm * options.width_px / camera.width_px
     overrides = (
         f"panel.rows={rows}",
         f"panel.columns={columns}",
-        f"camera.width_px={finer * options.width_px}",
-        f"camera.height_px={finer * options.height_px}",
+        f"camera.width_px={options.width_px << halvings}",
+        f"camera.height_px={options.height_px << halvings}",
         f"camera.sensor_width_mm={width_mm}",
         f"scene.offset_x_m=[uniform,{-right},{right}]",
         f"scene.offset_y_m=[uniform,{-down},{down}]",
         *([] if block.rows else [ABSENT]),
-        *differs,
+        *changes,
     )
     scene: Any = block.scene
     if scene == CLUTTER:
@@ -151,7 +149,7 @@ def render_block(block: PoolBlock) -> None:
     names = [FrameKey(key, frame) for frame in range(len(scenes))]
     grey = simulator.render(scenes, bits, keys=names).grey
     panels = simulator.true_panels(scenes, names)
-    for _ in range(1, finer):
+    for _ in range(halvings):
         grey = halved(grey)
         panels = replace(panels, corners_px=panels.corners_px / 2)
     with atomic_file(block.path) as temporary:
