@@ -10,7 +10,6 @@ from composing import study_of
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
-from vocc_torch.studies.curve import strangers
 from vocc_torch.types import PanelShape
 
 KEYS = [FrameKey(BlockKey(0, "scenes", 0), frame) for frame in range(3)]
@@ -151,13 +150,3 @@ def test_an_own_scene_is_a_yaml_of_ten_lines(app, tmp_path):
     assert ran.status == 0, ran.err
     written = yaml.safe_load((tmp_path / "runs" / "own" / "config.yaml").read_text())
     assert written["scene"]["effects"]["pose"] == {"yaw_deg": ["uniform", -10, 10]}
-
-
-def test_a_test_beyond_the_scene_is_said():
-    (said, *_) = strangers(plan_of("scene=night", "experiment.values=[4000]"))
-    wanted = "note: the test has ambient_lx from 4000 to 4000, training has 1 to 50;"
-    assert said.startswith(wanted)
-    assert (
-        strangers(plan_of("scene=night", "experiment=scenes", "experiment.values=[40]"))
-        == []
-    )

@@ -289,7 +289,7 @@ class PointTask:
     def outcome(self) -> Outcome:
         """What was counted so far, of at least one block."""
         errors = FrameErrors.joined(self._added)
-        return Outcome(errors, self.counts, self.stopped_by or "interrupted")
+        return Outcome(errors, self.counts, self.stopped_by)
 
 
 def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:

@@ -2,8 +2,8 @@
 
 import csv
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from fnmatch import filter as matching
 from pathlib import Path
 from typing import TypeAlias
@@ -64,7 +64,7 @@ def refuse_results(folder: Path, resumed: str = "") -> None:
 def resumable(
     settings: config.Settings, folder: Path, console: Console, *made: str
 ) -> Iterator[None]:
-    """Print which results a run replaces and how to resume it; clean up a run that counted nothing.
+    """Print how an interrupted run is resumed; clean up a run that counted nothing.
 
     Args:
         settings: the configuration.
@@ -72,7 +72,6 @@ def resumable(
         console: receives the messages.
         made: further files that the run writes before counting starts.
     """
-    before = finished_settings(folder)
     try:
         yield
     except BaseException as error:
@@ -86,50 +85,6 @@ def resumable(
             for name in (CONFIG, SAMPLES, *made):
                 remove(folder / name)
         raise
-    if lost := lost_settings(before, finished_settings(folder)):
-        text = f"replaced: the results of {', '.join(lost)}"
-        say(console, f"{text}; the former command gives them back from its ledger")
-
-
-def finished_settings(folder: Path) -> dict[str, object]:
-    """Give the settings of the results in a folder by key; none if its run did not finish."""
-    if (folder / UNFINISHED).exists() or not (folder / CONFIG).exists():
-        return {}
-    with suppress(VoccError):
-        return config.read_flat(folder / CONFIG)
-    return {}
-
-
-def lost_settings(
-    before: Mapping[str, object], after: Mapping[str, object]
-) -> list[str]:
-    """Name the settings whose results other settings do not include.
-
-    A number includes smaller numbers. A list includes its items. An empty list stands for all.
-
-    Args:
-        before: settings by key.
-        after: the other settings; keys that only one side has are ignored.
-
-    Example:
-        >>> lost_settings({"frames": 512, "values": [1, 2], "seed": 0}, {"frames": 64, "values": [1, 2, 3]})
-        ['frames=512']
-    """
-    return [
-        f"{key}={value}"
-        for key, value in before.items()
-        if key.partition(".")[0] not in CHANGE_NO_RESULT
-        and not includes(after.get(key, value), value)
-    ]
-
-
-def includes(value: object, other: object) -> bool:
-    """Whether the results of a setting include those of another value of it."""
-    if isinstance(value, list) and isinstance(other, list):
-        return not value or (bool(other) and all(item in value for item in other))
-    if isinstance(value, int | float) and isinstance(other, int | float):
-        return value >= other
-    return value == other
 
 
 def input_of(settings: config.Settings, needed: str) -> Path:

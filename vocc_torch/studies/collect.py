@@ -77,18 +77,12 @@ def run_collect(settings: config.Settings, folder: Path) -> None:
     jobs = find_jobs(source)
     keys = differing_keys(jobs)
     run_folder.write_rows(into / "collected.csv", collected_rows(jobs, keys))
-    pages, paths = -(-len(jobs) // MOST_FACETS), list[Path]()
-    for page in range(pages):
-        first = page * MOST_FACETS
-        title = f"Bit error rates of the jobs in {source.resolve().name}"
-        title += f", page {page + 1} of {pages}" * (pages > 1)
-        paths.append(into / f"collected{f'-{page + 1}' * (page > 0)}.png")
-        figure = jobs_figure(jobs[first : first + MOST_FACETS], keys, title)
-        save_figure(figure, paths[-1])
-    for old in set(into.glob("collected-[0-9]*.png")) - set(paths):
-        old.unlink()
+    drawn = jobs[:MOST_FACETS]
+    few = f"first {len(drawn)} of {len(jobs)} " * (drawn != jobs)
+    title = f"Bit error rates of the {few}jobs in {source.resolve().name}"
+    save_figure(jobs_figure(drawn, keys, title), into / "collected.png")
     print_jobs(jobs, keys, console)
-    places = [("table", "collected.csv"), *(("figure", path.name) for path in paths)]
+    places = [("table", "collected.csv"), ("figure", "collected.png")]
     run_folder.print_places(console, into, places)
 
 

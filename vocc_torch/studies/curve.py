@@ -38,7 +38,6 @@ from vocc_torch.report import (
 )
 from vocc_torch.report.annotation import annotated, enlarged
 from vocc_torch.rng import BlockKey
-from vocc_torch.simulation.scene import SCENE_FIELDS
 from vocc_torch.studies.run import Run, begin, cases_of, write_training
 
 
@@ -68,7 +67,6 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     drawing: dict[str, sweep.Prepare] = {}
     if target := plan.budget.sampling:
         drawing["prepare"] = PlugIn.of("budget.sampling", target).made
-    run_folder.say(console, *strangers(plan))
     if settings.tensorboard:
         demand_steps(plan.experiment)
     # Held to the end: a second run would write over the same results.
@@ -77,8 +75,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         run.train([plan])
         training = run.training(plan)
         run_folder.say(console, *terminal.trained_lines(training))
-        table = None if is_grid else folder / "ber.csv"
-        curves = count_curves(run, plan, table, **drawing)
+        curves = count_curves(run, plan, **drawing)
         figures = write_results(settings, plan, training, curves, folder)
     for measured in curves:
         if is_grid:
@@ -92,15 +89,12 @@ def run_test(settings: config.Settings, folder: Path) -> None:
     run_folder.print_places(console, folder, written, settings.tensorboard)
 
 
-def count_curves(
-    run: Run, plan: Plan, table: Path | None, **drawing: sweep.Prepare
-) -> list[curve.Curves]:
+def count_curves(run: Run, plan: Plan, **drawing: sweep.Prepare) -> list[curve.Curves]:
     """Count a curve, or each of a grid's rows, and print a line for every value.
 
     Args:
         run: workers, store and console.
         plan: the study, which is trained.
-        table: where a curve's points are kept when Ctrl-C ends the run, or None.
         **drawing: ``prepare`` of :func:`vocc_torch.measure.sweep.outcomes`.
 
     Raises:
@@ -108,32 +102,18 @@ def count_curves(
     """
     rows, locator = plan.rows().values(), plan.receiver.locator
     jobs = [run.job(case) for row in rows for case in cases_of(row, [plan])]
-    begun, curves = dict[str, runner.PointTask](), list[curve.Curves]()
+    curves = list[curve.Curves]()
     with run.stage("bit error rates", plan.frames_in_point * len(jobs)) as advance:
-
-        def show(point: runner.PointTask, counted: int) -> None:
-            begun[point.job.point] = point
-            advance(counted)
-
-        outcomes = sweep.outcomes(jobs, run.pool, run.store, show, **drawing)
+        outcomes = sweep.outcomes(
+            jobs, run.pool, run.store, lambda _, done: advance(done), **drawing
+        )
         for row in rows:
             found = dict[float, runner.Outcome]()
-            try:
-                for at in row.experiment.simulated_values:
-                    done = found[at] = next(outcomes)
-                    begun.pop(row.experiment.point_name(at))  # frees its blocks
-                    points = sweep.curves_at(row, locator, {at: done})
-                    rates = run.console.is_terminal
-                    lines = terminal.point_lines(points, rates=rates)
-                    run_folder.say(run.console, *lines)
-            except KeyboardInterrupt:
-                for at in row.experiment.simulated_values[len(found) :]:
-                    if point := begun.get(row.experiment.point_name(at)):
-                        found[at] = point.outcome
-                if found:
-                    so_far = sweep.curves_at(row, locator, found)
-                    keep_interrupted(so_far, table, run.console)
-                raise
+            for at in row.experiment.simulated_values:
+                done = found[at] = next(outcomes)
+                points = sweep.curves_at(row, locator, {at: done})
+                rates = run.console.is_terminal
+                run_folder.say(run.console, *terminal.point_lines(points, rates=rates))
             curves.append(sweep.curves_at(row, locator, found))
             if not curves[-1].values:
                 fault = (
@@ -141,23 +121,6 @@ def count_curves(
                 )
                 raise VoccError(f"experiment.values: {fault}")
     return curves
-
-
-def keep_interrupted(
-    points: curve.BerTable, path: Path | None, console: terminal.Console
-) -> None:
-    """Print and write the table of what was counted when Ctrl-C ends the run.
-
-    Args:
-        points: that have frames.
-        path: of the table; None writes none.
-        console: where it is printed.
-    """
-    if len(points):
-        terminal.print_table(points, console)
-        if path is not None:
-            run_folder.write_rows(path, rate_tables.ber_rows(points))
-            run_folder.print_places(console, path.parent, [("so far", path.name)])
 
 
 def demand_steps(experiment: config.Experiment) -> None:
@@ -179,28 +142,6 @@ def kept(plan: Plan) -> str:
         rule = "the locator paper: a recording has no true corners"
         return f"receiver.pt holds {plan.receiver.save} with {rule}"
     return f"receiver.pt holds {plan.receiver.save} with the locator {locator}"
-
-
-def strangers(plan: Plan) -> list[str]:
-    """Say where the test goes beyond the scenes that the receiver trains on, a line for each quantity."""
-    trained, lines = plan.experiment.training_model(plan.world), []
-    tested = [
-        plan.experiment.model_at(plan.world, value)
-        for value in plan.experiment.simulated_values
-    ]
-    for name in SCENE_FIELDS:
-        lows, highs = zip(
-            *(getattr(model, name).bounds for model in tested), strict=True
-        )
-        low, high, (least, most) = min(lows), max(highs), getattr(trained, name).bounds
-        if low < least or high > most:
-            beyond = (
-                f"{name} from {low:g} to {high:g}, training has {least:g} to {most:g}"
-            )
-            lines.append(
-                f"note: the test has {beyond}; experiment=scenes tests the scene's own values"
-            )
-    return lines
 
 
 def write_results(

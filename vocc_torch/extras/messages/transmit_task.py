@@ -5,8 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from vocc_torch.extras.messages.config import FRAMES, PLAN, TransmitConfig
-from vocc_torch.extras.messages.layout import Layout
-from vocc_torch.extras.messages.packets import OVERHEAD_BYTES, payload_bytes
 from vocc_torch.extras.messages.reception import film_of
 from vocc_torch.extras.messages.signalling import FIELDS, MessagePlan, Signalling
 from vocc_torch.files import atomic_file, read_file, write_atomically
@@ -54,41 +52,8 @@ def run_transmit(settings: Settings, config: TransmitConfig, folder: Path) -> No
     seconds = len(film) / config.symbol_rate_hz
     run_folder.say(
         console,
-        *costs(plan),
         f"{len(message)} bytes in {len(film)} symbols, {seconds:.1f} s: "
         + f"{8e-3 * len(message) * config.repeats / seconds:.2f} kbit/s",
     )
     places = {"film": "film.mp4", "frames": FRAMES, "plan": PLAN}
     run_folder.print_places(console, folder, places.items())
-
-
-def costs(plan: MessagePlan) -> list[str]:
-    """Say what each option takes of the panel's bits.
-
-    Example:
-        >>> print(costs(MessagePlan(PanelShape(8, 8), Signalling(code="none")))[-1])
-        78.1 % of the cells: the message
-    """
-    layout, options = Layout(plan), plan.signalling
-    code, words = layout.code, layout.packets * layout.word_bits
-    cells = layout.symbols * plan.shape.leds
-    info = 8 * layout.packets * code.info_bytes
-    shares = {
-        "anchors, corner LEDs that are always On": layout.shares["anchor"],
-        f"clock cells, one in each of {options.bands} bands of rows": layout.shares[
-            "clock"
-        ],
-        "sync cells, which number the symbols of a block": layout.shares["sync"],
-        "unused rest of a block": layout.shares["data"] - words / cells,
-        f"redundancy of the code {options.code}": (words - info) / cells,
-        f"headers and checksums, {OVERHEAD_BYTES} bytes a packet": 8
-        * layout.packets
-        * OVERHEAD_BYTES
-        / cells,
-        "the message": 8 * layout.packets * payload_bytes(code.info_bytes) / cells,
-    }
-    return [
-        f"{100 * share:.1f} % of the cells: {name}"
-        for name, share in shares.items()
-        if share
-    ]
