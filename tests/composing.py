@@ -67,7 +67,7 @@ def built(settings):
     plan = build_plan(settings)
     plan.world.simulator()
     if settings.task == "classifiers":
-        return build_classifier_study(settings, settings.rivals)
+        return build_classifier_study(settings, settings.comparison)
     if settings.task == "figures":
         return plan_figures(settings, settings.figures)
     if settings.task == "effects":

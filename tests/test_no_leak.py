@@ -36,15 +36,15 @@ COMMANDS = {
             "classifiers.mlp_features.training.epochs=1",
         ),
         *(
-            "rivals.scene_training_frames=32",
-            "rivals.scene_frames=32",
+            "comparison.scene_training_frames=32",
+            "comparison.scene_frames=32",
         ),
         *(
-            "rivals.experiments.ambient.values=[1000]",
-            "rivals.experiments.distance.values=[70]",
+            "comparison.experiments.ambient.values=[1000]",
+            "comparison.experiments.distance.values=[70]",
         ),
         *(
-            f"~rivals.scenes.{name}"
+            f"~comparison.scenes.{name}"
             for name in ("fog", "highway", "dashcam", "tunnel", "low_sun")
         ),
     ),

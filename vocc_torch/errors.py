@@ -64,11 +64,11 @@ def section(key: str, before: str = "") -> Iterator[None]:
             got it.
 
     Example:
-        >>> with section("rivals.scenes.fog", before="scene"):
+        >>> with section("comparison.scenes.fog", before="scene"):
         ...     raise VoccError.of("scene.distance_m", -3, "above 0")
         Traceback (most recent call last):
         ...
-        vocc_torch.errors.VoccError: rivals.scenes.fog.distance_m is -3: it must be above 0
+        vocc_torch.errors.VoccError: comparison.scenes.fog.distance_m is -3: it must be above 0
     """
     try:
         yield

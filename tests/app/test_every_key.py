@@ -46,7 +46,7 @@ GRID = Experiment(
 DATA = yaml.safe_load(Path(__file__).with_name("other_values.yaml").read_text())
 SECTIONS = DATA["values"]
 SECTIONS["figures"]["experiments"] = {"ambient": replace(FAR, name="ambient")}
-SECTIONS["rivals"]["experiments"] = {"ambient": DIM, "distance": FAR}
+SECTIONS["comparison"]["experiments"] = {"ambient": DIM, "distance": FAR}
 SECTIONS["effects"]["severity"] = {
     "defocus": Severity("defocus.focus_distance_m", [12.0, 8.0])
 }
@@ -100,7 +100,7 @@ def of(task):
     kept = {"defocus", "night", "ambient", "distance", "dimming", "lmmse"}
     several = {
         "effects": ("parts", "severity"),
-        "rivals": ("scenes", "experiments"),
+        "comparison": ("scenes", "experiments"),
         "figures": ("experiments",),
     }
     mappings = [

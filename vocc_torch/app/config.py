@@ -27,7 +27,7 @@ from vocc_torch.extras.messages.config import (
 )
 from vocc_torch.measure.config import ARGUMENT, Settings
 from vocc_torch.measure.schema import keys_of
-from vocc_torch.studies.compare import EffectsConfig, RivalsConfig, TradeoffConfig
+from vocc_torch.studies.compare import ComparisonConfig, EffectsConfig, TradeoffConfig
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.export import ExportConfig, GraphConfig
 from vocc_torch.studies.paper import FiguresConfig
@@ -44,7 +44,7 @@ class AppConfig(Settings):
         figures: what task=figures makes.
         effects: what task=effects measures.
         tradeoff: what task=tradeoff compares.
-        rivals: what task=classifiers compares.
+        comparison: what task=classifiers compares.
         export: what task=export writes.
         export_receiver: how task=export_receiver checks a graph.
         transmit: how task=transmit writes a message.
@@ -59,7 +59,7 @@ class AppConfig(Settings):
     figures: FiguresConfig = field(default_factory=FiguresConfig)
     effects: EffectsConfig = field(default_factory=EffectsConfig)
     tradeoff: TradeoffConfig = field(default_factory=TradeoffConfig)
-    rivals: RivalsConfig = field(default_factory=RivalsConfig)
+    comparison: ComparisonConfig = field(default_factory=ComparisonConfig)
     export: ExportConfig = field(default_factory=ExportConfig)
     export_receiver: GraphConfig = field(default_factory=GraphConfig)
     transmit: TransmitConfig = field(default_factory=TransmitConfig)

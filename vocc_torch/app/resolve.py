@@ -14,6 +14,7 @@ from vocc_torch.app.config import AppConfig, described, used
 from vocc_torch.app.tasks import TASKS, Task, covers, task_named
 from vocc_torch.errors import VoccError, section, stdout_refusal
 from vocc_torch.measure.schema import (
+    RENAMED,
     demand_shape,
     has_key,
     keys_of,
@@ -87,6 +88,9 @@ def hydra_words(words: Sequence[str], sweeps: bool = False) -> list[str]:
     taken = []
     for word, override in zip(words, parsed(words), strict=True):
         key = str(override.key_or_group)
+        place = override.package or key
+        if place.partition(".")[0] in RENAMED:
+            raise VoccError(unknown_key(place, keys_of(AppConfig)))
         if override.is_sweep_override() and not sweeps:
             rule = "one value; -m runs several, and a list is written [a,b]"
             raise VoccError.of(key, word.partition("=")[2], rule)
@@ -186,7 +190,7 @@ def sections(merged: DictConfig) -> Iterator[tuple[str, str, DictConfig]]:
     """List the sections of a configuration whose class has a key elsewhere too, with that key."""
     yield "messages.record", "record", merged.messages.record
     yield "messages.signalling", "transmit", merged.messages.signalling
-    for part in ("rivals", "figures"):
+    for part in ("comparison", "figures"):
         for name, node in merged[part].experiments.items():
             yield f"{part}.experiments.{name}", "experiment", node
 
@@ -200,8 +204,8 @@ def key_of(word: str) -> str:
     """Give the key or section that an override sets.
 
     Example:
-        >>> key_of("~seed"), key_of("classifier=[mlp]"), key_of("scene@rivals.scenes.x=fog")
-        ('seed', 'classifiers', 'rivals.scenes.x')
+        >>> key_of("~seed"), key_of("classifier=[mlp]"), key_of("scene@comparison.scenes.x=fog")
+        ('seed', 'classifiers', 'comparison.scenes.x')
     """
     key = word.lstrip("+~").partition("=")[0].rpartition("@")[2]
     return "classifiers" if key == "classifier" else key

@@ -93,6 +93,10 @@ def has_key(schema: type, key: str) -> bool:
     return key in keys or get_origin(keys.get(parent)) is dict
 
 
+RENAMED = {"rivals": "comparison"}
+"""Sections by an earlier name."""
+
+
 def unknown_key(key: str, keys: Mapping[str, Any]) -> str:
     """Say that a key is none of those that there are, and which of these is meant.
 
@@ -105,6 +109,9 @@ def unknown_key(key: str, keys: Mapping[str, Any]) -> str:
     parent = next((name for name in mappings if key.startswith(f"{name}.")), None)
     if parent is not None:
         return f"{key} is not set here: + adds to {parent}, as in +{key}=..."
+    section, point, name = key.partition(".")
+    if section in RENAMED:
+        return f"{key} is not a known key: it is {RENAMED[section]}{point}{name} now"
     near = difflib.get_close_matches(key, keys, n=1, cutoff=0.6)
     hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
     return f"{key} is not a known key: {hint}"

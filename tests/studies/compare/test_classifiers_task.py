@@ -14,7 +14,7 @@ from vocc_torch.measure.sweep import curves_of
 from vocc_torch.measure.train import Making, Training
 from vocc_torch.plugins import PlugIn
 from vocc_torch.simulation import Distribution
-from vocc_torch.studies.compare import RivalsConfig
+from vocc_torch.studies.compare import ComparisonConfig
 from vocc_torch.studies.compare.classifiers import (
     ClassifierStudy,
     classifier_rows,
@@ -84,7 +84,7 @@ def made_up():
         )
         scenes += scene_rows(found, tested_on, [PAIRS[row][0] for row in rows])
     every = {"distance": curves()}
-    config = RivalsConfig(reference="flda_3", points={"distance": 70.0})
+    config = ComparisonConfig(reference="flda_3", points={"distance": 70.0})
     training = Training(costs=COSTS)
     return every, classifier_rows(config, every, training), scenes
 
@@ -134,7 +134,9 @@ def test_a_mix_of_scenes_is_of_those_of_its_home(make_plan):
     receiver = replace(plan.receiver, names=("flda_3", "net"), classifiers=(NET,))
     plan = replace(plan, receiver=receiver)
     fog = replace(plan, world=World(device="cpu"))
-    config = RivalsConfig(reference="flda_3", scene_frames=70, scene_training_frames=64)
+    config = ComparisonConfig(
+        reference="flda_3", scene_frames=70, scene_training_frames=64
+    )
     study = ClassifierStudy(plan, config, "paper", {"far": plan}, {"fog": fog})
     home, fog = (plan.receiver.classifiers for plan in study.scene_plans.values())
     assert (home[0].scene, fog[0].scene) == (NET.scene, {})

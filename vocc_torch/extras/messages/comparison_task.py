@@ -84,7 +84,7 @@ def row_of(place: Place, results: Results) -> terminal.TableRow:
     """Give a row of ``messages.csv``."""
     carried = results[place]
     loss, rate = carried.loss, carried.goodput
-    rivals = (
+    goodputs = (
         other.goodput.value for at, other in results.items() if at[:3] == place[:3]
     )
     return {
@@ -98,7 +98,7 @@ def row_of(place: Place, results: Results) -> terminal.TableRow:
         "false_packets": carried.false,
         "raw_ber": ber_interval(carried.raw) if carried.raw.bits else terminal.BLANK,
         "kbit_s": rate,
-        "best": int(rate.value == max(rivals) > 0),
+        "best": int(rate.value == max(goodputs) > 0),
         "frames": carried.frames,
     }
 

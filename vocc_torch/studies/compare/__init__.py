@@ -27,7 +27,7 @@ class TradeoffConfig:
 
 
 @dataclass
-class RivalsConfig:
+class ComparisonConfig:
     """What ``task=classifiers`` compares.
 
     Args:
@@ -53,7 +53,7 @@ class RivalsConfig:
         """Check the names, which ledgers and tables take; the study checks the rest."""
         for part in ("experiments", "scenes"):
             for name in getattr(self, part):
-                demand_file_word(f"rivals.{part}", name)
+                demand_file_word(f"comparison.{part}", name)
 
 
 @dataclass

@@ -19,7 +19,7 @@ from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import rate_tables, styles
 from vocc_torch.report.terminal import BLANK, TableRow, print_rows
-from vocc_torch.studies.compare import RivalsConfig, figures
+from vocc_torch.studies.compare import ComparisonConfig, figures
 from vocc_torch.studies.compare.report import (
     counted,
     left_out_lines,
@@ -53,7 +53,7 @@ class ClassifierStudy:
     """
 
     plan: Plan
-    config: RivalsConfig
+    config: ComparisonConfig
     home: str
     plans: Mapping[str, Plan]
     scenes: Mapping[str, Plan] = field(default_factory=dict)
@@ -63,21 +63,23 @@ class ClassifierStudy:
         """Check names and numbers."""
         if not self.plans:
             raise VoccError(
-                "rivals.experiments is empty: it must hold at least one experiment"
+                "comparison.experiments is empty: it must hold at least one experiment"
             )
         names = self.plan.receiver.names
-        demand_word("rivals.reference", self.config.reference, names)
+        demand_word("comparison.reference", self.config.reference, names)
         for name, value in self.config.points.items():
             if name not in self.plans:
                 raise VoccError(
-                    f"rivals.points.{name} is no experiment: known are {', '.join(self.plans)}"
+                    f"comparison.points.{name} is no experiment: known are {', '.join(self.plans)}"
                 )
             if value not in (values := self.plans[name].experiment.values):
                 allowed = ", ".join(f"{known:g}" for known in values)
                 raise VoccError.of(
-                    f"rivals.points.{name}", f"{value:g}", f"one of {allowed}"
+                    f"comparison.points.{name}", f"{value:g}", f"one of {allowed}"
                 )
-        demand_least("rivals.", self.config, scene_frames=0, scene_training_frames=2)
+        demand_least(
+            "comparison.", self.config, scene_frames=0, scene_training_frames=2
+        )
 
     @cached_property
     def scene_plans(self) -> dict[str, Plan]:
@@ -115,7 +117,9 @@ class ClassifierStudy:
         )
 
 
-def build_classifier_study(settings: Settings, rivals: RivalsConfig) -> ClassifierStudy:
+def build_classifier_study(
+    settings: Settings, comparison: ComparisonConfig
+) -> ClassifierStudy:
     """Build the study that ``task=classifiers`` makes.
 
     Raises:
@@ -123,8 +127,8 @@ def build_classifier_study(settings: Settings, rivals: RivalsConfig) -> Classifi
     """
     plan, left_out = scene_plan(settings)
     plans, scenes = {}, {}
-    for name, experiment in rivals.experiments.items():
-        key = f"rivals.experiments.{name}"
+    for name, experiment in comparison.experiments.items():
+        key = f"comparison.experiments.{name}"
         if experiment.row_axis is not None:
             raise VoccError(
                 f"{key} is a grid over {experiment.row_axis}: it must have one axis"
@@ -133,26 +137,30 @@ def build_classifier_study(settings: Settings, rivals: RivalsConfig) -> Classifi
             raise VoccError.of(key, "over contrast", "over a value of a scene")
         with section(key, before="experiment"):
             plans[name] = replace(plan, experiment=experiment)
-    for name, scene in rivals.scenes.items():
+    for name, scene in comparison.scenes.items():
         # The scene of the experiments may be among the shipped ones or not.
         if name != settings.scene.name:
-            with section(f"rivals.scenes.{name}", before="scene"):
+            with section(f"comparison.scenes.{name}", before="scene"):
                 world = build_world(replace(settings, scene=scene))
                 scenes[name] = replace(plan, world=world)
-    return ClassifierStudy(plan, rivals, settings.scene.name, plans, scenes, left_out)
+    return ClassifierStudy(
+        plan, comparison, settings.scene.name, plans, scenes, left_out
+    )
 
 
 COSTS = ("training_s", "simulated_s", "training_frames", "parameters", "size_bytes")
 """Columns of what it took to make a receiver."""
 
 
-def run_classifiers(settings: Settings, rivals: RivalsConfig, folder: Path) -> None:
+def run_classifiers(
+    settings: Settings, comparison: ComparisonConfig, folder: Path
+) -> None:
     """Compare receivers, and report it.
 
     Raises:
         VoccError: an unknown name, a value outside its range, or whatever a stage refuses.
     """
-    study = build_classifier_study(settings, rivals)
+    study = build_classifier_study(settings, comparison)
     first = next(iter(study.plans.values()))
     for classifier in first.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
@@ -164,12 +172,14 @@ def run_classifiers(settings: Settings, rivals: RivalsConfig, folder: Path) -> N
     training = run.training(first)
     write_training(settings, first, training, folder)
     write_points(folder, curves.values())
-    rows = classifier_rows(rivals, curves, training)
-    print_classifiers(rivals, curves, rows, {**study.left_out, **lost})
+    rows = classifier_rows(comparison, curves, training)
+    print_classifiers(comparison, curves, rows, {**study.left_out, **lost})
     drawn = {}
     for name, table in curves.items():
-        place = f"{name}_{rivals.points[name]:g}" if name in rivals.points else ""
-        drawn[name] = figures.curves_figure(table, rows, rivals.reference, place)
+        place = (
+            f"{name}_{comparison.points[name]:g}" if name in comparison.points else ""
+        )
+        drawn[name] = figures.curves_figure(table, rows, comparison.reference, place)
     if scenes:
         receivers = [str(row["receiver"]) for row in rows]
         drawn["robustness"] = figures.scenes_figure(scenes, study.home, receivers)
@@ -267,7 +277,7 @@ def write_points(folder: Path, curves: Collection[Curves]) -> None:
 
 
 def classifier_rows(
-    config: RivalsConfig,
+    config: ComparisonConfig,
     curves: Mapping[str, Curves],
     training: Training,
 ) -> list[TableRow]:
@@ -318,7 +328,7 @@ def ratio_to(
 
 
 def print_classifiers(
-    config: RivalsConfig,
+    config: ComparisonConfig,
     tables: Mapping[str, Curves],
     rows: Sequence[TableRow],
     left_out: Mapping[str, str],

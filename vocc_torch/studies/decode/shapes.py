@@ -38,27 +38,27 @@ class ShapeChoice(NamedTuple):
     Args:
         shape: rows and columns.
         false_alarms: expected in a frame without a panel, at the place where the panel was found.
-        rival: the next likely shape.
-        rival_alarms: its false alarms.
+        next_shape: the next likely shape.
+        next_alarms: its false alarms.
         is_sure: whether the first is far likelier than the next.
     """
 
     shape: PanelShape
     false_alarms: float
-    rival: PanelShape
-    rival_alarms: float
+    next_shape: PanelShape
+    next_alarms: float
     is_sure: bool
 
     def __str__(self) -> str:
         """Say the shape and how sure it is, in one line."""
         first, second = (
-            f"{one.rows} x {one.columns}" for one in (self.shape, self.rival)
+            f"{one.rows} x {one.columns}" for one in (self.shape, self.next_shape)
         )
-        rate, rival = f"{self.false_alarms:.2g}", f"{self.rival_alarms:.2g}"
+        rate, next_rate = f"{self.false_alarms:.2g}", f"{self.next_alarms:.2g}"
         if self.is_sure:
-            return f"panel is {first} ({rate} expected false alarms); next is {second} ({rival})"
+            return f"panel is {first} ({rate} expected false alarms); next is {second} ({next_rate})"
         return (
-            f"panel may be {first} ({rate} expected false alarms) or {second} ({rival}): "
+            f"panel may be {first} ({rate} expected false alarms) or {second} ({next_rate}): "
             "give panel.rows and panel.columns"
         )
 
