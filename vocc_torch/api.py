@@ -57,7 +57,7 @@ def load_scene(
 
     Args:
         scene: the name of a scene that ships, such as ``night``; a YAML file like those in ``conf/scene``;
-            or such a mapping. It states what differs from ``paper``; its ``effects`` replace those of
+            or a mapping with the same keys. Other keys are those of ``paper``; ``effects`` replace those of
             ``paper``. An effect with ``_target_`` runs code: check files of others first.
         overrides: words of the command line, such as ``camera.focal_length_mm=25`` and ``panel.rows=16``.
 

@@ -16,7 +16,7 @@ from vocc_torch.simulation.effects import Backdrop, within
 
 @functools.cache
 def light_of(file, gamma):
-    """Read a picture's light, (H,W) of mean 1."""
+    """Read the light of a picture, (H,W) with mean 1."""
     with Image.open(file) as picture:
         light = torch.from_numpy(np.asarray(picture.convert("L")) / 255.0) ** gamma
     return light / light.mean()

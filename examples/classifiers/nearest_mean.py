@@ -1,4 +1,4 @@
-"""A classifier of your own, in a file outside the package: LEDs are what the nearer class mean is.
+"""A classifier of your own, in a file outside the package: decides for the class whose mean is nearer.
 
 vocc-torch classifier=own classifiers.own.file=examples/classifiers/nearest_mean.py \
         classifiers.own.build._target_=NearestMean

@@ -18,11 +18,11 @@ class Streak(Effect, on=Quantity.EXPOSURE):
     half_px: int = within(1, 512, default=40, whole=True)
 
     def reach_in_px(self, camera, nearest_m):
-        """Say how far it carries light: crops have room for that."""
+        """State how far the effect spreads light, px; crops are larger by this distance."""
         return self.half_px
 
     def __call__(self, value, context):
-        """Smear (B,1,H,W) exposure; beyond the border lies what lies at it."""
+        """Smear (B,1,H,W) exposure; pixels beyond the border equal the pixel at the border."""
         wide = functional.pad(
             value, (self.half_px, self.half_px, 0, 0), mode="replicate"
         )

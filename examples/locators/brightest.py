@@ -1,4 +1,4 @@
-"""A locator of your own: the panel is the box around what is at least half as bright as the brightest pixel.
+"""A locator of your own: the panel is the box around pixels at least half as bright as the brightest pixel.
 
 vocc-torch receiver.locator=examples/locators/brightest.py:Brightest
 """
@@ -9,7 +9,7 @@ from vocc_torch.types import Panels
 
 
 class Brightest:
-    """Find the panel in frames that show no other light and no turned panel."""
+    """Find an upright panel in frames without other lights."""
 
     def __init__(self, share=0.5):
         self.share = share
@@ -33,7 +33,7 @@ class Brightest:
 
 
 def ends(bright, leds):
-    """Give where brightness (B,N) begins and ends, half a gap wider; gaps are as wide as LEDs."""
+    """Find the first and last bright pixel of (B,N), extended by half a gap; gaps are as wide as LEDs."""
     first = bright.int().argmax(dim=1).double()
     last = bright.shape[1] - bright.flip(1).int().argmax(dim=1).double()
     gap = (last - first) / (2 * leds - 1)

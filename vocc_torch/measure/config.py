@@ -120,10 +120,10 @@ class Budget:
 
 @dataclass
 class Experiment:
-    """One BER curve, or a grid of them: an axis, its values and how the test differs from the training.
+    """One BER curve, or a grid of curves: an axis, its values and how the test differs from the training.
 
     Args:
-        name: its name in the results.
+        name: name of the experiment in the results.
         axis: the quantity that varies: a value of the scene, or ``contrast``, by which drawn frames are
             sorted into bins.
         values: values of the axis, ascending; for ``contrast`` the edges of the bins.
@@ -267,7 +267,7 @@ class SceneSettings:
     """The simulated scenes: ranges and effects.
 
     Args:
-        name: its name in the results.
+        name: name of the scene in the results.
         ambient_lx: illuminance by ambient light, lx.
         led_luminance_cd_m2: luminance of an On LED, cd/m2.
         distance_m: distance from the lens to the panel, m.

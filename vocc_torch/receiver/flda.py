@@ -26,17 +26,17 @@ class FLDA(torch.nn.Module):
     The within-class scatter is that of Eq. 15 divided by the number of samples. This changes the scale of
     Eq. 14's direction and no decision. The score is the log-likelihood ratio, On over Off, of two Gaussians
     with this common covariance and equal priors. scikit-learn's ``LinearDiscriminantAnalysis`` gives the same
-    direction; its threshold also has the ratio of the classes' samples.
+    direction; its threshold also depends on the sizes of the classes.
     The threshold is the midpoint of the projected class means (Eq. 19). The paper's words ("the mean of the
     projections of all") agree with it only for equally many Off and On samples.
 
     The statistics are float64 buffers, also after ``.half()`` or ``.to(dtype)``, so the device must support
     float64. The solution has a relative error of about the condition number of the within-class covariance
-    times 2e-16, in whatever pieces the samples come. Features may be up to 1e140. A spread below 1e-150, or
-    below 2e-15 of the feature's mean, counts as zero. An ``FLDAWarning`` tells of a condition number above
-    1e12 and of statistics that do not determine the solution. A constant feature then gets weight 0,
-    collinear features get the least-norm solution, and features that separate the classes without variance
-    decide alone, with large finite scores.
+    times 2e-16, however the samples are divided among updates. Features may be up to 1e140. A standard
+    deviation below 1e-150, or below 2e-15 of the feature's mean, counts as zero. An ``FLDAWarning`` reports a
+    condition number above 1e12, and statistics that do not determine the solution. Then a constant feature
+    has weight 0, collinear features have the least-norm solution, and features that separate the classes
+    without variance decide alone, with large finite scores.
     Scores are differentiable in the features, ``fit`` is not differentiable: for gradients through the
     training set use :func:`vocc_torch.receiver.discriminant.discriminant`. Scoring works under ``torch.vmap``
     and ``torch.compile(fullgraph=True)``, which do not refuse features that are not finite.
@@ -97,7 +97,7 @@ class FLDA(torch.nn.Module):
         return self._solved().threshold
 
     def fit(self, features: Tensor, bits: Tensor) -> Self:
-        """Forget all earlier samples and learn from these.
+        """Fit to these samples alone; earlier samples are dropped.
 
         Args:
             features: (...,F) real and finite, any floating or integer dtype.

@@ -55,7 +55,7 @@ class Simulator:
         dtype: working precision, ``torch.float32`` or ``torch.float64``.
 
     Raises:
-        VoccError: an unknown framing, effect or device, or a precision that is not offered.
+        VoccError: an unknown framing, effect, device or precision.
 
     Example:
         >>> simulator = Simulator()

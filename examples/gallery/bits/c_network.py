@@ -1,6 +1,6 @@
 """
-FLDA behind a small network, which learns its features through the fit
-======================================================================
+A small network learns the features of FLDA by gradients through the fit
+========================================================================
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 The panel: pose, lens and LEDs
 ==============================
 
-A wide lens sees the panel far from its axis. The panel is turned, or its LEDs fail, scatter, look different
-or are driven some rows at a time.
+A wide lens sees the panel far from its axis. The panel is turned. Its LEDs fail, have unequal brightness, look
+different, or are driven some rows at a time.
 """
 
 import matplotlib.pyplot as plt

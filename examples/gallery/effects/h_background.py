@@ -2,7 +2,7 @@
 Backgrounds and streets
 =======================
 
-What stands behind the panel fills the sensor. The panel is in the red rectangle.
+The background fills the sensor. The panel is in the red rectangle.
 ``backdrop`` takes photographs from a folder, here the sample pictures of Matplotlib.
 """
 

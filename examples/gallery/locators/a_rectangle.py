@@ -2,8 +2,8 @@
 The paper's locator
 ===================
 
-``paper`` takes the smallest rectangle around the brightest blob. From far away the light of the
-outer LEDs spreads, or outer LEDs are Off, and the rectangle (red) leaves the true panel (green).
+``paper`` takes the smallest rectangle around the brightest blob. The rectangle (red) differs from the true panel
+(green) if outer LEDs are Off, or if the panel is far and the light of its LEDs spreads.
 """
 
 import matplotlib.pyplot as plt

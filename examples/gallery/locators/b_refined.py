@@ -3,7 +3,7 @@ Location error over distance
 ============================
 
 ``refined`` fits a grid of spots to the grey values. Its corners are several times closer to the truth
-than those of ``paper``. The unit is the distance between two LEDs: at 0.5 a cell covers the wrong LED.
+than those of ``paper``. The unit is the distance between two LEDs: with an error of 1 a cell covers the next LED.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 Panels in clutter
 =================
 
-The receiver that ships with the package searches whole frames. The clutter is of a kind that was kept for tests.
-Green is the true panel, red is where the receiver found it.
+The receiver that ships with the package searches whole frames. It was not trained on clutter of this kind.
+Green is the true panel, red is the panel that the receiver found.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 Stages of the detector
 ======================
 
-The gate chooses tiles of the frame, the scout proposes candidates, the judge moves their corners, and the placer moves
-the best of them to the lattice. The title of the last picture is the log odds of a panel.
+The gate chooses tiles of the frame. The scout proposes candidates, the judge corrects their corners, and the placer
+fits the best candidate to the lattice of LEDs. The title of the last picture has the log odds of a panel.
 """
 
 import matplotlib.pyplot as plt

@@ -3,7 +3,7 @@ A classifier of your own
 ========================
 
 ``examples/classifiers/nearest_mean.py`` decides for the class whose mean is nearer.
-It is measured on the frames of ``flda_3``.
+Both receivers of the picture read the same frames.
 """
 
 import matplotlib.pyplot as plt

@@ -19,7 +19,7 @@ class CalibrateConfig:
         bits: known bits of each frame, an .npy file of bool (N,R,C); null decides the bits from the frames.
         ambient_lx: illuminance by ambient light, lx, from a light meter; null estimates it from the noise
             and ``quantum_efficiency``.
-        quantum_efficiency: of the sensor, above 0 and at most 1; used if ``ambient_lx`` is null.
+        quantum_efficiency: quantum efficiency of the sensor, above 0 and at most 1; used if ``ambient_lx`` is null.
 
     Raises:
         VoccError: an unknown channel, or a number out of its range.

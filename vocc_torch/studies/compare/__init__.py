@@ -36,7 +36,7 @@ class ComparisonConfig:
         points: a value of an experiment's axis that the table states, by experiment.
         scenes: other scenes by name.
         scene_frames: test frames for each pair of training and test scene; 0 leaves pairs out.
-        scene_training_frames: most training frames in these scenes, at least 2.
+        scene_training_frames: most training frames in each of the other scenes, at least 2.
 
     Raises:
         VoccError: a name that is no word.

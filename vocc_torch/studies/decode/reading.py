@@ -60,7 +60,7 @@ class Reading:
         margin: smallest distance of an LED's score from the threshold.
         panel_score: the locator's score of the panel, 0 to 1.
         candidates: number of places in the frame that could be a panel.
-        is_doubtful: may be no panel, or misread: a low score, or no gap between On and Off LEDs.
+        is_doubtful: whether this may be no panel or have wrong bits, by a low score or similar scores of On and Off.
         expected_errors: expected number of wrong bits, from the log-likelihood ratios.
         one_level: all LEDs look alike, so all may be On or all Off.
         false_alarms: expected false alarms in a frame without a panel at this score; NaN if unknown.
@@ -99,7 +99,7 @@ class Reading:
 
     @property
     def judged(self) -> str:
-        """The reading and its doubts, in words."""
+        """The reading and its warnings, in words."""
         doubt = ", doubtful" if self.is_doubtful else ""
         doubt += ", LEDs look alike" * self.one_level
         others = (

@@ -17,7 +17,7 @@ class TrainDetectorConfig:
         scout_steps: steps of the scout's training, at least 1.
         judge_steps: steps of the judge's training, at least 1.
         placer_steps: steps of the placer's training, at least 1.
-        batch: multiple of the batch sizes 72, 128 and 156, and of the mined frames, at least 1.
+        batch: factor of the batch sizes 72, 128 and 156 and of the number of mined frames, at least 1.
 
     Raises:
         VoccError: a number out of its range.
