@@ -96,7 +96,7 @@ def used(plain: Mapping[str, Any], task: Task, section: str = "") -> dict[str, A
 
     Args:
         plain: the values of a section.
-        task: whose keys stay. What no task has stays too, to be refused.
+        task: whose keys stay. Unknown keys stay too, so that they are refused later.
         section: where they are, with a point at its end.
     """
     values, known = dict[str, Any](), keys_of(AppConfig)
@@ -231,7 +231,7 @@ def hydra_settings() -> HydraConf:
 class FileConfigSource(file_config_source.FileConfigSource):
     """A folder of configuration files that a user names: ``--config-dir``, ``--config-path``, a run's scene.
 
-    Hydra's workers take a class of this name for Hydra's own reader, and leave it in its place.
+    The class has the name of Hydra's own reader, so that Hydra's workers do not replace it.
     """
 
     def is_group(self, config_path: str) -> bool:

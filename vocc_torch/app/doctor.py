@@ -34,10 +34,10 @@ class Check(NamedTuple):
     """One line of the report.
 
     Args:
-        name: what was looked at.
-        is_good: whether nothing is to be done.
-        found: what there is.
-        advice: what to do about it; empty where nothing is.
+        name: subject of the check.
+        is_good: whether the check passed.
+        found: result of the check.
+        advice: remedy; empty if the check passed.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""A job among others: its lines on the terminal, and the word it leaves of how it ended."""
+"""Jobs of a multirun: their lines on the terminal, and the files that a failed job leaves."""
 
 import contextlib
 import functools
@@ -27,7 +27,7 @@ FAILED, CONFIG = "failed.txt", "config.yaml"
 class Jobs:
     """Messages of the jobs of one command to their parent process, through a file.
 
-    A job may run in a worker process, where nothing that it does to this object comes back. It is small and
+    A job may run in a worker process, which cannot change this object in the parent. The object is small and
     can be pickled.
 
     Args:
@@ -53,10 +53,10 @@ class Jobs:
         return os.getpid() != self.parent
 
     def tell(self, job: int, **about: str) -> None:
-        """Leave a word of a job: its ``folder``, or its ``complaint`` and a ``trace`` if it failed.
+        """Write a message of a job: its ``folder``, or its ``complaint`` and a ``trace`` if it failed.
 
         Raises:
-            VoccError: there is no telling.
+            VoccError: the message cannot be written.
         """
         word = json.dumps({"job": job, "elsewhere": self.elsewhere, **about})
         try:
@@ -202,9 +202,9 @@ def watch_joblib() -> None:
 
 @contextlib.contextmanager
 def beside_others(job: int) -> Iterator[None]:
-    """Set a worker process up for a job: numbered lines, and no ear for Ctrl-C.
+    """Set a worker process up for a job: number its lines of output, and ignore Ctrl-C.
 
-    Ctrl-C reaches every process of the terminal; the one that started the jobs ends them.
+    Ctrl-C reaches every process of the terminal. The process that started the jobs ends them.
 
     Args:
         job: the job's number.

@@ -168,15 +168,15 @@ def keys_of_task(task: Task) -> dict[str, Any]:
 
 
 def demand_used(task: str, key: str, said: str) -> None:
-    """Refuse a key that other tasks have, and one that no task has in its section.
+    """Refuse a key that only other tasks use, and an unknown key of a known section.
 
     Args:
-        task: that runs.
-        key: or a section.
+        task: name of the task that runs.
+        key: a key or a section.
         said: the key and its value.
 
     Raises:
-        VoccError: with the tasks that have it.
+        VoccError: with the tasks that use the key.
     """
     keys = keys_of(AppConfig)
     if key.split(".")[0] in keys and not has_key(AppConfig, key):
@@ -187,7 +187,7 @@ def demand_used(task: str, key: str, said: str) -> None:
 
 
 def sections(merged: DictConfig) -> Iterator[tuple[str, str, DictConfig]]:
-    """List the sections of a configuration whose class has a key elsewhere too, with that key."""
+    """List sections of a configuration whose class stands under a second key, with this key."""
     yield "messages.record", "record", merged.messages.record
     yield "messages.signalling", "transmit", merged.messages.signalling
     for part in ("comparison", "figures"):
@@ -218,11 +218,11 @@ def said(word: str) -> str:
 
 
 def refuse_without_effect(settings: AppConfig, words: Sequence[str]) -> None:
-    """Refuse what a command line asks for and would not get.
+    """Refuse overrides of the command line that would have no effect.
 
     Args:
-        settings: the configuration that came of it.
-        words: its overrides.
+        settings: the configuration with the overrides.
+        words: the overrides.
 
     Raises:
         VoccError: a key that the model, the scene or the experiment sets, or one of another locator.

@@ -1,1 +1,1 @@
-"""From a plan to what was measured: simulate, locate, read, train, count, compare and time."""
+"""Measurement of a plan: simulate, locate, read, train, count, compare and time."""

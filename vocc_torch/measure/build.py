@@ -102,11 +102,11 @@ def receiver_plan(
 
     Args:
         settings: the resolved configuration.
-        panel: what it is read from.
-        single: whether the task keeps one receiver and uses no other.
+        panel: the LED panel, of which the reader needs the shape and the diameter of the LEDs.
+        single: whether the task uses one receiver only, the one that it saves.
 
     Raises:
-        VoccError: a value outside its range, or a name that nobody knows, by its key.
+        VoccError: a value outside its range, or an unknown name, by its key.
     """
     receiver = settings.receiver
     locators = named_parts("locators", settings.locators)
@@ -194,9 +194,9 @@ def classifier_plan(
     """Build the plan of a classifier that plugs in, checking its settings.
 
     Args:
-        name: its name in the results, a word.
-        config: its settings.
-        features: what it sees where its settings say nothing.
+        name: name of the classifier in the results, a word.
+        config: settings of the classifier.
+        features: its inputs if the settings name none.
 
     Raises:
         VoccError: a value outside its range, named by its key.

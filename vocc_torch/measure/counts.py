@@ -46,10 +46,9 @@ class Tally:
 class Counts(Tally):
     """Errors of one receiver over some frames, as Python integers.
 
-    Errors are kept in halves of a bit error: in a frame whose panel was not found every bit is a coin toss,
-    which counts as half the frame's bits wrong, and a 3 x 3 panel has an odd number of them. They are
-    integers without limit, so sums of any number of frames are exact; no frames at all, the empty counts, are
-    the zero of addition.
+    Errors are counted in halves of a bit error: half of the bits of a missed panel count as wrong, and a
+    panel of 3 x 3 LEDs has an odd number of bits. The integers have no limit, so sums over any number of
+    frames are exact. Counts of no frames are the zero of addition.
 
     Args:
         frames: frames decoded.
@@ -59,8 +58,8 @@ class Counts(Tally):
             ``half_errors`` it gives the spread of errors between frames, which the interval needs.
         frame_errors: frames with at least one wrong bit, frames without a panel among them.
         panels_missed: frames whose panel was not found.
-        misplaced: frames whose panel was missed, or located off its place.
-        misplaced_half_errors: ``half_errors`` in those.
+        misplaced: frames whose panel was missed, or has a corner too far off.
+        misplaced_half_errors: ``half_errors`` in the misplaced frames.
 
     Example:
         >>> first = Counts(frames=64, bits=4096, half_errors=6, half_errors_squared=20, frame_errors=2)

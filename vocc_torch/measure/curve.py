@@ -201,9 +201,9 @@ class Point(PointKey):
 class BerTable:
     """The points of one experiment: what every view of the results draws.
 
-    The upper limit of a point without errors takes a wrong frame to have as many wrong bits as the receiver's
-    wrong frames at the other points, at least 1 and at most the bits of its own frames. A receiver without an
-    error at any point has the limits of single wrong bits.
+    The upper limit of a point without errors assumes a number of wrong bits per wrong frame: the mean of the
+    receiver's wrong frames at the other points, at least 1 and at most the bits of a frame. If the receiver
+    has no error at any point, the number is 1.
 
     Args:
         points: measured points, or rows read back, of one experiment and one axis; one for each receiver and

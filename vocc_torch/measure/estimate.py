@@ -9,12 +9,12 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number as it was measured and its interval, ``low <= value <= high``; an end may be infinite.
+    """A measured number and its interval, ``low <= value <= high``; an end may be infinite.
 
     Bit error rates, their differences, ratios and relative gains are all stated in this way.
 
     Args:
-        value: what was measured.
+        value: the measured number.
         low: lower end of the interval.
         high: upper end.
 
@@ -30,11 +30,11 @@ class Estimate:
 
     @property
     def real(self) -> bool:
-        """Whether the interval leaves out 0: a difference or a gain that is beyond chance."""
+        """Whether the interval excludes 0: a significant difference or gain."""
         return self.leaves_out(0.0)
 
     def leaves_out(self, number: float) -> bool:
-        """Whether a number lies outside the interval, such as 1 for a ratio that is beyond chance."""
+        """Whether a number lies outside the interval, such as 1 for a significant ratio."""
         return self.low > number or self.high < number
 
 
@@ -44,7 +44,7 @@ def joint_confidence(comparisons: int) -> float:
     By Bonferroni: the intervals share the chance of 5 % that any of them misses.
 
     Args:
-        comparisons: how many are told of together; none count as one.
+        comparisons: number of comparisons in the family; 0 counts as 1.
 
     Example:
         >>> joint_confidence(1), round(joint_confidence(all_pairs(42)), 6)

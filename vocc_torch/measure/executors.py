@@ -155,7 +155,7 @@ class Workers:
         /,
         here: Callable[[A], Any] | None = None,
     ) -> Call:
-        """Hand out a call for :meth:`result`; in this process it is made at once, and its error raised here.
+        """Start a call for :meth:`result`. In this process it runs at once, and an error is raised here.
 
         Args:
             call: importable by name.

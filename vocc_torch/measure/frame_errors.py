@@ -34,13 +34,13 @@ class Key:
 
 
 class FrameErrors:
-    """What L receivers got wrong in each of the same N frames of one kind of scenes.
+    """Errors of L receivers in each of the same N frames of one kind of scenes.
 
     Args:
-        numbers: (3L+1,N) int64. L rows of wrong bits, times two, 0 to twice ``leds``; ``leds`` where no panel
-            was found, since every bit is then a coin toss. L rows with 1 where the receiver's locator found
-            the panel, and L with 1 where it was missed or located off its place. Last the group that a frame
-            was sorted into, 0 where frames are not sorted.
+        numbers: (3L+1,N) int64. L rows of wrong bits, times two, 0 to twice ``leds``, and ``leds`` if no
+            panel was found. L rows with 1 if the receiver's locator found the panel. L rows with 1 if the
+            panel was missed or has a corner too far off. The last row is the group of each frame, 0 without
+            groups.
         leds: bits in a frame, at least 1.
         keys: whose errors the L rows are; none where rows are known by their places alone.
 

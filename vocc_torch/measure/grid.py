@@ -115,8 +115,8 @@ class Best:
         ambient_lx: the ambient light, lx.
         least_cd_m2: luminances with the least bit error rate seen: one, or several where they had equally
             many errors, as on a plateau without any.
-        candidates_cd_m2: luminances that cannot be told from the best; with at least 95 % the true best of
-            the grid is among them.
+        candidates_cd_m2: luminances that are not significantly worse than the best. The true best of the grid
+            is among them with a confidence of at least 95 %.
         reaches_lowest: whether the grid's lowest luminance is a candidate: the best may lie below the grid.
         reaches_highest: whether the grid's highest luminance is a candidate: the best may lie above the grid.
         ber: least bit error rate seen. As the least of several it tends to be too low.
@@ -148,13 +148,13 @@ class Best:
 def best_luminance(grid: Grid, receiver: str) -> list[Best]:
     """Return the best luminance at each ambient light, and all that are not distinguishable from it.
 
-    **The candidates.** A luminance is ruled out where another one is better beyond doubt. The cells hold
-    independent frames, so the difference of two bit error rates has the interval of Zou and Donner's method
-    of variance estimates recovery from the two cells' own intervals (Statistics in Medicine 27, 2008). Each
-    of the K luminances meets K - 1 others, one of which may look better by chance: a comparison is made at
-    the level 0.05 / (K - 1), which leaves the true best among the candidates with at least 95 % (multiple
-    comparisons with the best, Hsu, Annals of Statistics 12, 1984, with Bonferroni's level). All this is
-    within the grid: the best of all luminances may lie between its values.
+    **The candidates.** A luminance is excluded if another one is significantly better. The cells hold
+    independent frames. So Zou and Donner's method of variance estimates recovery (Statistics in Medicine 27,
+    2008) gives the interval of the difference of two bit error rates from the intervals of both cells. Each
+    of the K luminances is compared with K - 1 others, each time at the level 0.05 / (K - 1). The true best is
+    then among the candidates with a confidence of at least 95 % (multiple comparisons with the best, Hsu,
+    Annals of Statistics 12, 1984, with Bonferroni's level). Luminances between the values of the grid are not
+    considered.
 
     **The least rate.** The least of K noisy rates is biased low. Its interval is that of the least of the
     true rates: the low end is the least of the cells' low ends; the high end is the least of high ends that

@@ -83,16 +83,15 @@ def _inverse(
 
 
 def design_effect(counts: Counts) -> float:
-    """Say how many times wider than a binomial's the variance of the bit error rate is.
+    """Return the variance of the bit error rate, divided by the variance of a binomial.
 
-    The variance between frames is divided by that of independent bits. It is floored at 1. Errors of one
-    frame share its causes, so a ratio below 1 is chance, or the constant half with which a missed panel
-    enters the counts in the place of its coin tosses, and neither is a reason to claim more trials than there
-    were bits.
+    The variance between frames is divided by that of independent bits. The ratio is set to at least 1. Errors
+    of one frame share causes, so a ratio below 1 is chance, or comes from missed panels, which count a
+    constant half of their bits. Neither gives more trials than there are bits.
 
-    One frame has no spread: the effect is then the greatest there is, the frame's bits. Where no bit was
-    wrong, or all were, there is no spread either, and the effect is 1. It is exact to rounding for counts of
-    any size.
+    A single frame has no spread: the effect is then the largest possible one, the bits of the frame. If no
+    bit or every bit is wrong there is no spread either, and the effect is 1. The result is exact to rounding
+    for counts of any size.
 
     Args:
         counts: at least one frame.

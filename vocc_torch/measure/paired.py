@@ -1,11 +1,11 @@
-"""Two receivers on the same frames: what the difference of their bit error rates is, and whether it is real.
+"""Two receivers on the same frames: the difference of their bit error rates, and its interval.
 
-Most frames are as hard for one receiver as for the other. Compared frame by frame, what they share cancels,
-and far smaller differences can be told from chance than from two curves with an interval each.
+Most frames are equally difficult for both receivers. In a comparison frame by frame this common difficulty
+cancels. So much smaller differences are significant than with two separate intervals.
 
-A t interval of the mean difference would be symmetric. Where few frames differ, the differences are a
-handful of events in a sea of zeros, the sum is skewed, and the sample often shows too little of its spread:
-with three discordant frames expected, all one way, the t interval covers about 80 % instead of 95 %.
+A t interval of the mean difference would be symmetric. If few frames differ, most differences are 0, their
+sum has a skewed distribution, and the sample often underestimates the spread. With three discordant frames
+expected, all in one direction, the t interval covers about 80 % instead of 95 %.
 """
 
 import math
@@ -23,9 +23,9 @@ from vocc_torch.measure.intervals import ber_interval, clustered_interval
 class PairedCounts(Tally):
     """By how much one receiver, a, did worse than another, b, on the same frames, as Python integers.
 
-    A frame where both have as many wrong bits says nothing of their difference. The other frames, the
-    discordant ones, are kept apart by which receiver was worse, each side with its first two moments: the
-    interval needs both sides. Errors are kept in halves of a bit error, as in
+    Frames in which both have equally many wrong bits do not contribute. The other frames are *discordant*:
+    those in which a is worse and those in which b is worse are counted separately, with the first two
+    moments of the excess, because the interval needs both sides. Errors are counted in halves, as in
     :class:`~vocc_torch.measure.counts.Counts`, so that ``half_difference`` is exactly the difference of
     the two receivers' ``half_errors``.
 
@@ -146,14 +146,14 @@ def paired_interval(
 
 
 def excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> Estimate:
-    """The interval of one side's rate of errors beyond the other's, which come a frame at a time.
+    """Return the interval of the rate by which one receiver's errors exceed the other's.
 
-    As in :func:`~vocc_torch.measure.intervals.ber_interval` it is Clopper and Pearson's with an effective
-    number of trials, a t quantile that pays for estimating it, and the limits that the binomial number of
-    frames sets. How large a difference is where there is one shows on both sides, and a side with few frames
-    borrows from the other: its spread is taken with one more frame of the common size, ``sum d^2 / sum |d|``
-    over the frames' differences d, and the degrees of freedom are those of both sides together. Otherwise a
-    single frame in which b was worse would hide that a was in 20.
+    As in :func:`~vocc_torch.measure.intervals.ber_interval` this is Clopper and Pearson's interval with an
+    effective number of trials, a t quantile for the uncertainty of this number, and the limits from the
+    binomial number of frames. A side with few frames uses the size of the differences on both sides: its
+    spread is computed with one more frame of the common size, ``sum d^2 / sum |d|`` over the frames'
+    differences d, and the degrees of freedom are those of both sides together. Otherwise a single frame in
+    which b is worse would hide 20 frames in which a is worse.
 
     Args:
         side: the excess of one receiver.
@@ -211,11 +211,11 @@ def relative_gain(
     interval if ``difference - g * rate`` may be 0, given their correlation over the frames. The gain is then
     real exactly where the paired difference is.
 
-    The ratio of the two rates themselves takes the same method, but where b errs in the very frames in which
-    a does, it narrows to next to nothing, however few those frames. Where b has hardly any of a's errors it
-    is the difference and the rate that are nearly one, and the low end comes out up to 6 points of coverage
-    too high. A low end above 0 is therefore the lower of the two, but not below what is left if the
-    difference is at its low end and the rate of a at its high end.
+    The method also applies to the ratio of the two rates. If a and b are wrong in the same frames, the
+    interval of this ratio is far too narrow, however few the frames are. If b has hardly any errors of a, the
+    interval of difference and rate is too narrow: its low end loses up to 6 points of coverage. A low end
+    above 0 is therefore the lower of the two. It is not set below the low end of the difference divided by
+    the high end of the rate of a.
 
     Args:
         a: counts of the receiver compared against.
@@ -224,7 +224,7 @@ def relative_gain(
         confidence: above 0, below 1.
 
     Returns:
-        The gain, or None where a made no error: nothing can then be said of a share of it.
+        The gain, or None if a has no error, which leaves the gain undefined.
 
     Example:
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
@@ -386,12 +386,12 @@ def rate_ratio(
 ) -> Estimate | None:
     """Give a receiver's bit error rate over the reference's.
 
-    Two intervals hold at 95 %: that of the two rates' own intervals (:func:`mover_ratio`), and that of one
-    less the relative gain, which knows which errors the two share. The first is the narrower where rates are
-    far apart, the second where most errors are shared; what both leave is taken. Simulated pairs of 256 to
-    4096 frames with shared, independent and clustered errors missed the truth in at most 4 % (a test holds
-    the hardest of them). Whether the difference is real is for the paired interval alone: where that holds 0,
-    the ratio's holds 1.
+    Two intervals have 95 % confidence: that of :func:`mover_ratio`, from the separate intervals of the rates,
+    and that of 1 minus the relative gain, which accounts for shared errors. The first is narrower if the
+    rates differ much, the second if most errors are shared. The result is their intersection. In simulated
+    pairs of 256 to 4096 frames with shared, independent and clustered errors at most 4 % of the results
+    missed the true ratio (a test has the most difficult case). If the paired interval of the difference
+    contains 0, the interval of the ratio contains 1.
 
     Args:
         reference: counts of the reference.

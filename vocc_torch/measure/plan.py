@@ -48,9 +48,9 @@ class World:
     Args:
         camera: the camera.
         panel: the LED panel.
-        scene: the distributions of the scenes, which are also those that a receiver trains on.
+        scene: the distributions of the scenes, in test and training.
         effects: effect name to parameters.
-        framing: ``crop``, ``filled`` or ``full``: what is rendered, never what is decided.
+        framing: ``crop``, ``filled`` or ``full``: the rendered part of the sensor. Decisions are equal.
         device: a torch device, or ``auto`` for CUDA where there is one.
         dtype: working precision of the simulation.
 
@@ -89,7 +89,7 @@ class ClassifierPlan:
         build: the class and its arguments.
         inputs: what it sees of each LED.
         training: the recipe for a torch module.
-        frames: training panels, or None for the study's budget; a recipe has a number of its own.
+        frames: training panels, or None for the study's budget. A recipe has its own number.
         scene: distributions of its training scenes that replace those of the study.
 
     Raises:
@@ -116,13 +116,14 @@ class ReceiverPlan:
         names: receivers in the order of the results.
         locator: ``paper``, ``refined`` and those from outside locate the panel in the frame; ``truth`` takes
             the true corners.
-        location: the settings of the paper's locator, which the refined one uses too.
+        location: the settings of the locator ``paper``, which ``refined`` uses too.
         reader: the settings of rectification and features.
         save: the receiver that is written to the model file and decodes recordings.
-        classifiers: those that plug in; their names are among ``names``.
-        locators: those from outside by name.
-        false_alarms: in a frame without a panel, at which ``detector`` finds one, above 0.
-        preambles: read at the corners of the test ``frame``, or each ``located`` by itself.
+        classifiers: classifiers that plug in; their names are among ``names``.
+        locators: locators that plug in, by name.
+        false_alarms: threshold of ``detector``: most false alarms expected in a frame without a panel, above 0.
+        preambles: ``frame``: preambles are read at the corners of the test frame; ``located``: the panel is
+            located in each of them.
 
     Raises:
         VoccError: an unknown name, or a rate that is not above 0.
@@ -285,13 +286,13 @@ class Plan:
 
 
 def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
-    """Name what the counts of a plan depend on.
+    """Return the settings on which the counts of a plan depend.
 
-    Left out is what changes only how long they take or how far they go: batch size, workers, the
-    frames of the budget and the stop rule, and the values of the axis, each of which is a point with a name
-    of its own. The edges of contrast bins stay: they decide which frames are counted together. So does the
-    kind of device, between which rounding may move a pixel by one grey level, and the releases of what draws
-    and computes. Effects are named as they are built, so a default that is written out changes nothing.
+    Left out are settings that change only the time or the number of frames: batch size, workers, the frames
+    of the budget, the stop rule, and the values of the axis, because each value is a point with its own name.
+    Included are the edges of contrast bins, which decide which frames are counted together; the kind of
+    device, because rounding may change a pixel by one grey level; and the releases of torch and NumPy.
+    Effects are given as they are built, so a default that is written out makes no difference.
 
     Args:
         plan: the study.
@@ -345,7 +346,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
 
 
 def _plain(value: object) -> Any:
-    """Turn what JSON does not have into what it has, and whole floats into integers: 25 and 25.0 are one."""
+    """Convert a value to plain JSON values, and whole floats to integers, so that 25 and 25.0 are equal."""
 
     def number(text: str) -> float:
         return int(float(text)) if float(text).is_integer() else float(text)
@@ -354,11 +355,11 @@ def _plain(value: object) -> Any:
 
 
 def _fields(value: object) -> object:
-    """Give what can be given to a dataclass, by name; the name of a type of torch."""
+    """Return the arguments of a dataclass by name, or the name of a type of torch."""
     if is_dataclass(value):
-        # What cannot be given cannot tell two studies apart: it is what an instance keeps for itself.
+        # Fields that are no arguments do not distinguish two studies.
         names = [attribute.name for attribute in fields(value) if attribute.init]
-        # And by its code and the content of its files, which its fields only name.
+        # The fields of a plug-in only name its code and files; these are their contents and digests.
         names += [name for name in ("maker", "files", "digest") if hasattr(value, name)]
         return {name: getattr(value, name) for name in names}
     return dict(value) if isinstance(value, Mapping) else str(value)

@@ -85,9 +85,8 @@ class Job:
         plan: world, reader, locators, seed and batch size.
         model: the scenes.
         point: name that keys their random draws.
-        banks: each with the name of the locator whose readings it decides on, and what tells its receivers
-            from those of another bank: the number of its training.
-        name: of its rows in the store, where several jobs count the same point; the point's by default.
+        banks: banks of receivers, each with the name of its locator and the number of its training.
+        name: name of the job's rows in the store, if several jobs count the same point; ``point`` by default.
 
     Example:
         >>> from vocc_torch.measure.plan import Experiment, ReceiverPlan, World

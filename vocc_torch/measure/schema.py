@@ -98,7 +98,7 @@ RENAMED = {"rivals": "comparison"}
 
 
 def unknown_key(key: str, keys: Mapping[str, Any]) -> str:
-    """Say that a key is none of those that there are, and which of these is meant.
+    """Return the refusal of an unknown key, with the nearest known key.
 
     Example:
         >>> from vocc_torch.measure.config import WorldSettings

@@ -225,13 +225,13 @@ class Store(AbstractContextManager["Store"]):
         Args:
             point: the point's name, which keys its random draws, or another key.
             block: index of the block, at least 0.
-            frames: how many of its frames were used, from the first on, 1 to 64; 0 for what is no block.
-            content: what was counted.
-            anew: whether another content takes the place of what is there.
+            frames: number of used frames of the block, from the first on, 1 to 64; 0 for other rows.
+            content: the counts as bytes.
+            anew: whether the content replaces that of an existing row.
 
         Raises:
-            VoccError: a row that contradicts one that is there, or the disk is full or refuses. The file is
-                then as it was before.
+            VoccError: a row that contradicts an existing one, or the disk is full or cannot be written. The
+                file then stays unchanged.
         """
         known, row = self.find(point, block, frames), (point, block, frames, content)
         if known is None or anew:

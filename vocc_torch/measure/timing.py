@@ -47,18 +47,18 @@ def interleaved(
     primed: bool = False,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[Name, tuple[float, ...]]:
-    """Time calls in rounds, each once a round, so that a busy spell of the machine meets all of them.
+    """Time calls in rounds, each once a round, so that a busy period of the machine affects all calls.
 
-    Every other round runs backwards: no call always finds the caches as the same other one left them, and a
-    slow drift weighs on all alike. The device is idle when a call starts and done before the clock is read.
+    Every other round runs backwards, so that the caches differ between rounds and a slow drift affects all
+    calls equally. The device is idle when a call starts and has finished when the clock is read.
 
     Args:
         calls: what to time, by name.
         repeats: timed rounds, at least 1.
         device: where the calls work.
-        warm_up: rounds before, not timed, at least 0: allocation, compilation and what a call solves once.
-        primed: make each call once more, not timed, right before it: what ran before it is then the call
-            itself, as in a receiver at work, and not whichever other call has left the caches to it.
+        warm_up: untimed rounds at the start, at least 0, for allocation, compilation and cached values.
+        primed: run each call once untimed right before it is timed, so that the caches hold its own data, as
+            in a receiver that runs continuously.
         clock: gives seconds.
 
     Returns:
@@ -142,10 +142,10 @@ def _pools(modules: int) -> Any:
 
 
 def settle_memory() -> None:
-    """Let the C library keep freed memory, so that a call's time does not hang on what was freed before it.
+    """Let the C library keep freed memory, so that a call's time does not depend on earlier calls.
 
-    glibc returns freed memory beyond a limit to the system, and pages that are asked for again come back at
-    a cost: reading 64 panels took 1 to 2.5 times as long, by chance. Blocks up to 32 MiB, the most that it
+    glibc returns freed memory beyond a limit to the system, and getting pages back takes time: by chance,
+    reading 64 panels took 1 to 2.5 times as long. Blocks up to 32 MiB, the most that it
     allows, and 256 MiB in all are kept (mallopt(3), M_MMAP_THRESHOLD and M_TRIM_THRESHOLD), enough for
     batches of 256 frames. Other C libraries have no such limits to set.
 

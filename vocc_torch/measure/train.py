@@ -29,7 +29,7 @@ from vocc_torch.rng import BLOCK_FRAMES, training_point
 from vocc_torch.simulation.scene import SceneModel, narrowed
 
 CALIBRATION_FRAMES = 512
-"""Most frames on which a receiver that is kept learns what its scores are worth; at most as many train it."""
+"""Most frames of the calibration of a saved receiver; at most the number of training frames."""
 
 FIGURE_SAMPLES = 20_000
 """LEDs kept for the feature histograms."""
@@ -43,10 +43,10 @@ class Making:
 
     Args:
         training_s: wall time of training, s, the simulation of its frames included; 0 without training.
-        simulated_s: what of it went into the frames, s, where that is known.
-        frames: training frames that it was shown.
-        parameters: numbers that decide, where the receiver says it.
-        size_bytes: of the trained receiver, pickled.
+        simulated_s: part of ``training_s`` in which frames were simulated, s; None if unknown.
+        frames: number of training frames.
+        parameters: number of trained parameters; None if unknown.
+        size_bytes: size of the trained receiver, pickled.
     """
 
     training_s: float = 0.0
@@ -134,12 +134,13 @@ def untold(share: float) -> None:
 def train(plan: Plan, progress: Progress = untold) -> Training:
     """Train FLDA and the plan's classifiers on its training scenes, as often as the budget says.
 
-    Each training has frames of its own. The first is the one that is kept, and does not depend on how many
-    follow. Frames without a located panel teach nothing and are left out.
+    Each training has its own frames. The first training is saved and does not depend on the number of
+    trainings. Frames without a located panel are left out.
 
     Args:
         plan: the study.
-        progress: hears how far it is; all shares are one for each of :func:`parts_of`.
+        progress: called with the share of the work done since the last call, 1 in all for each of
+            :func:`parts_of`.
 
     Raises:
         VoccError: no panel was found in any training frame, or a classifier that cannot be built or trained.
@@ -148,7 +149,7 @@ def train(plan: Plan, progress: Progress = untold) -> Training:
 
 
 def parts_of(plan: Plan) -> list[Plan]:
-    """Split a plan by what learns: FLDA, and each classifier. None has the receiver that is kept."""
+    """Split a plan into one per trained part: FLDA, and each classifier. None saves the plan's receiver."""
     receiver = replace(plan.receiver, save="flda_3")
     alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
     alone += [
@@ -232,9 +233,9 @@ def trained_receiver(plan: Plan, training: Training) -> Receiver:
 
 
 def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
-    """Put the plan's receiver together with what its scores are worth, found on frames of its scenes.
+    """Build the plan's receiver and calibrate its scores on frames of its scenes.
 
-    These frames are neither trained on nor tested.
+    The frames of the calibration are used neither in training nor in the test.
     """
     link, frames = Link.of(plan), min(CALIBRATION_FRAMES, plan.budget.training_frames)
     model = plan.experiment.training_model(plan.world)

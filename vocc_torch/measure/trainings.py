@@ -131,7 +131,7 @@ def mean_difference(
         pooled: their comparison, a frame holding the bits of all trainings.
         confidence: above 0, below 1.
     """
-    # Where no frame differs, all trainings are taken to differ alike in the frame that was not seen.
+    # If no frame differs, the assumed discordant frame has the same difference in all trainings.
     size = float(len(a.counts)) if pooled.bits >= len(a.counts) * pooled.frames else 1.0
     frames = paired_interval(pooled, confidence, size)
     found = widened(frames, np.subtract(a.rates, b.rates).tolist(), confidence)

@@ -1,4 +1,4 @@
-"""What a receiver's scores are worth, and on what panels it learned that."""
+"""Calibration of a receiver's scores, and the ranges of the panels of its training."""
 
 import itertools
 from collections.abc import Mapping
@@ -22,11 +22,11 @@ APPEARANCE = ("pitch_px", "level", "contrast")
 class Calibration:
     """From scores to log-likelihood ratios, log P(On) / P(Off), with the sign of the decision.
 
-    On either side of 0 the share of wrong decisions falls with the score's distance from 0, as isotonic
-    regression finds it on panels that the receiver did not learn from. Each step of that holds half an error
-    more than was counted, so that every ratio is finite. The last step begins behind the last error that was
-    seen, and so holds none. What it would hold of as many other frames is told by leaving out one at a time:
-    of the frame with the last error, the errors that lie beyond those of all others.
+    On either side of 0 isotonic regression estimates the share of wrong decisions, which falls with the
+    distance of the score from 0. It uses panels that are not in the training. Half an error is added to each
+    step, so that every ratio is finite. The last step begins behind the last error, so it has no error. Its
+    errors in other frames are estimated by leaving out one frame at a time: they are the errors of one frame
+    that lie beyond the errors of all other frames.
 
     Args:
         off: scores below 0 by their distance from it, and the ratios' sizes, both ascending.

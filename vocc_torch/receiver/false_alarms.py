@@ -18,18 +18,18 @@ TABLE = Path(__file__).parent / "false_alarms.csv"
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarms:
-    """Greatest scores of panel-free frames: how often they pass some floors, and how they fall off.
+    """Greatest scores of panel-free frames: how many exceed each of some floors, and the tail beyond.
 
-    Between floors the logarithm of the rate is a straight line. Above the last one the excess is taken for
-    exponential, as it is far out for any sum of many small chances (peaks over a threshold, Pickands 1975);
-    so scores are to be logarithms of likelihoods, or like them.
+    Between floors the logarithm of the rate is interpolated linearly. Above the last floor the excess is
+    assumed to be exponential (peaks over a threshold, Pickands 1975). So scores must be log-likelihoods or
+    similar.
 
     Args:
-        locator: its name.
-        rows: of the panel that was looked for.
-        columns: likewise.
-        frames: panel-free frames.
-        above: for each floor, those whose greatest score is above it, falling.
+        locator: name of the locator.
+        rows: rows of the panel that was searched for.
+        columns: columns of this panel.
+        frames: number of panel-free frames.
+        above: for each floor, the number of frames whose greatest score exceeds it, falling.
         floors: scores, rising.
         scale: mean excess above the last floor.
 
@@ -81,9 +81,10 @@ def read_table(path: Path = TABLE) -> tuple[FalseAlarms, ...]:
 def calibrated(
     locator: str, shape: PanelShape, path: Path = TABLE
 ) -> FalseAlarms | None:
-    """Give a locator's row for the largest calibrated panel that is no larger; None where there is none.
+    """Return a locator's row of the panel, or of the next smaller one in the table; None if there is none.
 
-    For a panel that is not in the table this is an estimate: false alarms depend on rows and columns.
+    For a panel that is not in the table the row is an estimate, because false alarms depend on rows and
+    columns.
     """
     rows = [
         row

@@ -40,7 +40,7 @@ def demand_extra() -> None:
 
 
 class TensorReceiver(torch.nn.Module):
-    """A receiver as a function of tensors, from which a graph is made and with which it is compared.
+    """A receiver as a function of tensors: the graph is exported from it and compared with it.
 
     Args:
         receiver: on the CPU.
@@ -68,9 +68,10 @@ def write_graph(
     """Write a receiver as an ONNX graph, whole or not at all.
 
     The graph takes ``frames`` (B,H,W) uint8, any number of any size, and ``corners`` (B,4,2) float64, px,
-    where it is told them. It gives ``bits`` (B,R,C) bool and ``scores`` and ``llr`` (B,R,C) float64, and
-    where it looks for the panels ``corners`` and ``found`` (B,) too. It refuses nothing: of what the receiver
-    would refuse it gives numbers without a meaning. All panels of a batch are read as finely as the largest.
+    unless it locates the panels itself. It returns ``bits`` (B,R,C) bool and ``scores`` and ``llr`` (B,R,C)
+    float64. A graph that locates panels also returns ``corners`` and ``found`` (B,). The graph does not check
+    its input: invalid input gives meaningless numbers. All panels of a batch are sampled as finely as the
+    largest.
 
     Args:
         receiver: on the CPU.

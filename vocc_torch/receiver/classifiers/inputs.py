@@ -25,8 +25,8 @@ class Patch:
         samples: grey values along the side of a cell; the receiver's ``samples_per_led`` must be a multiple.
         domain: ``grey`` as the camera gives them, or ``exposure``: gamma undone, so that light adds.
         gamma: encoding gamma that ``exposure`` undoes, 0.1 to 10.
-        level: whether the panel's mean, relative to white, stands beside it, which tells what is saturated.
-        pitch: likewise the cell's size in the image, in px, which tells how far light spreads, in cells.
+        level: whether the mean of the panel, relative to white, is added. It indicates saturation.
+        pitch: whether the cell's size in the image, px, is added. It determines how many cells light spreads.
 
     Raises:
         VoccError: a value outside its range.

@@ -88,7 +88,7 @@ def classifier_of(
 
 @contextmanager
 def seeded(seed: int) -> Iterator[None]:
-    """Let Python, NumPy and torch draw from a seed, and go on afterwards as if nobody had drawn.
+    """Seed the generators of Python, NumPy and torch, and restore their states at the end.
 
     Args:
         seed: at least 0.

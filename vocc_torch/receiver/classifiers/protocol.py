@@ -1,4 +1,4 @@
-"""What a classifier is, and the guard that names one that errs."""
+"""The protocol of classifiers, and a guard that turns their errors into one line with their name."""
 
 import io
 import pickle

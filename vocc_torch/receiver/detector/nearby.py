@@ -57,10 +57,10 @@ class Surroundings:
         return cls(networks, Pyramid.of(crop.grey), crop.origin_px[0], shape)
 
     def place(self, corners: Tensor, wide: bool = False) -> tuple[Tensor, float]:
-        """Put corners (4,2) px right that are off by up to a cell, by some more in a wide search.
+        """Correct corners (4,2) px that are off by up to a cell, or by more in a wide search.
 
         Returns:
-            (4,2) corners, and the log odds of a panel where the last look began.
+            (4,2) corners, and the log odds of a panel at the corners before the last correction.
         """
         starts = corners[None]
         if wide:

@@ -149,8 +149,8 @@ def likeliest(odds: Tensor, most: int) -> Tensor:
 def flattened(quads: Tensor, shape: PanelShape) -> Tensor:
     """Reduce the perspective of candidates (n,4,2) of small panels.
 
-    A small panel shows less perspective than the errors of its corners feign. The perspective in cells grows
-    with the square of the panel's side.
+    In a small panel the errors of the corners are larger than the perspective, which in cells grows with the
+    square of the panel's side.
 
     Example:
         >>> quads = torch.tensor([[[0.0, 0.0], [4.0, 0.0], [8.0, 4.0], [0.0, 4.0]]])

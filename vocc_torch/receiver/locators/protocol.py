@@ -70,11 +70,11 @@ class PanelLocator(ABC):
 
     @property
     def most_false_alarms(self) -> float:
-        """The most at which a candidate is a panel; NaN where none are stated, and all candidates are."""
+        """Most expected false alarms of an accepted candidate; NaN if all candidates are accepted."""
         return math.nan
 
     def demand_shape(self, shape: PanelShape) -> None:  # noqa: B027  # few locators have a limit
-        """Refuse a panel of which it cannot say how sure it is."""
+        """Refuse a panel shape for which the locator has no false-alarm rates."""
 
     def at_rate(self, false_alarms: float) -> Self:
         """Give the same locator with another rate of false alarms.
@@ -89,7 +89,7 @@ class PanelLocator(ABC):
 
     @classmethod
     def of(cls, paper: "PaperLocator", false_alarms: float) -> Self:
-        """Build it from what a configuration says of all locators: limits of blobs, and a rate."""
+        """Build the locator from the keys of all locators: limits of blobs, and a false-alarm rate."""
         return cls()
 
     @property

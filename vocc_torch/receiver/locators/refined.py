@@ -69,7 +69,7 @@ class RefinedLocator(PanelLocator):
     A face between the LEDs that is brighter than the background has its own level in the fit.
 
     Args:
-        paper: the paper's locator: its limits of blobs, and what falls to it.
+        paper: the locator ``paper``, for its limits of blobs and for panels that no lattice explains.
         min_share: least share of a picture that a lattice explains, 0 to 1.
 
     Raises:

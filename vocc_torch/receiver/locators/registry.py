@@ -1,4 +1,4 @@
-"""The locators that ship by name, and what configurations and model files say of a locator."""
+"""The locators that ship by name, and their settings in configurations and model files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
