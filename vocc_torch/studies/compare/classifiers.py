@@ -281,10 +281,10 @@ def classifier_rows(
     curves: Mapping[str, Curves],
     training: Training,
 ) -> list[TableRow]:
-    """Give the rows of ``classifiers.csv``: what each receiver costs, and its rates, the best first.
+    """Return the rows of ``classifiers.csv``: costs and rates of each receiver, the best receiver first.
 
-    Rates and ratios are at the table's points; after several trainings they are the algorithms'. The fewest
-    wrong bits over all points and trainings are best.
+    The best receiver has the fewest wrong bits over all points and trainings. Rates and ratios are those at
+    the points of ``config``. After several trainings they are those of the algorithm.
     """
     first, reference = next(iter(curves.values())), config.reference
 
@@ -313,10 +313,9 @@ def ratio_to(
     rates: Mapping[str, Estimate],
     value: float,
 ) -> Estimate:
-    """Give a receiver's rate over the reference's at a value; blank where the latter made no error.
+    """Return a receiver's rate divided by the reference's at a value; blank if the reference has no error.
 
-    After several trainings it is that of the algorithms, by the intervals of both, which takes no credit for
-    their frames being the same.
+    After several trainings the ratio is that of the algorithms, from the separate intervals of both rates.
     """
     if receiver == reference:
         return BLANK
@@ -345,4 +344,6 @@ def print_classifiers(
         columns[f"{place}_ratio"] = f"of\n{config.reference}"
     notes = ["Fewest wrong bits over all points first; 95 % intervals over frames."]
     notes += left_out_lines(left_out)
-    print_rows(rows, {**columns, "training_s": "train\ns"}, "\n".join(notes))
+    # One decimal, so that the table fits 80 columns.
+    shown = [{**row, "training_s": f"{row['training_s']:.1f}"} for row in rows]
+    print_rows(shown, {**columns, "training_s": "train\ns"}, "\n".join(notes))
