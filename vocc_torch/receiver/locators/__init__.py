@@ -10,7 +10,6 @@ from .registry import (
     locator_from,
     locator_named,
     locator_settings,
-    locator_words,
     plugged_locator,
 )
 
@@ -26,6 +25,5 @@ __all__ += [
     "locator_from",
     "locator_named",
     "locator_settings",
-    "locator_words",
     "plugged_locator",
 ]
