@@ -285,7 +285,7 @@ FORGED = {
             "_target_": "vocc_torch.receiver.classifiers.Mlp",
             "arguments": {"hidden": [10**12]},
         },
-        "its arguments do not fit module.layers.0.weight",
+        "cannot take up what it learned (RuntimeError",
     ),
     "a number for a choice": (
         {"inputs": {"features": ["agr"], "patch": {"pitch": 10**9}}},
