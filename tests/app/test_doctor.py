@@ -29,10 +29,3 @@ def test_missing_extras_are_named_with_the_line_that_installs_them(monkeypatch):
     (check,) = doctor.extras()
     assert (check.name, check.is_good) == ("video", False)
     assert "pip install 'vocc-torch[video]'" in str(check)
-
-
-def test_a_folder_that_cannot_be_written(monkeypatch):
-    monkeypatch.setattr(doctor.os, "access", lambda *_: False)
-    assert str(doctor.runs_folder()).endswith(
-        "is not writable: start in another folder"
-    )

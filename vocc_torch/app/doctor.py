@@ -1,6 +1,5 @@
 """``vocc-torch doctor``: versions, device, missing extras, and the time of a picture."""
 
-import os
 import platform
 import re
 import sys
@@ -55,7 +54,7 @@ class Check(NamedTuple):
 def run_doctor() -> int:
     """Print every check; status 1 where a picture cannot be decoded."""
     status = 0
-    for check in (*versions(), *extras(), cameras(), runs_folder(), *decoding()):
+    for check in (*versions(), *extras(), cameras(), *decoding()):
         print(check, flush=True)
         status |= check.name == "decode" and not check.is_good
     return status
@@ -119,15 +118,6 @@ def cameras() -> Check:
     if not found:
         return Check("camera", False, "no /dev/video*", "connect a camera")
     return Check("camera", True, ", ".join(found), "input=camera:0")
-
-
-def runs_folder() -> Check:
-    """Whether results can be written below ``runs``."""
-    folder = Path("runs") if Path("runs").exists() else Path()
-    place = str(folder.resolve())
-    if os.access(folder, os.W_OK):
-        return Check("runs", True, f"{place} is writable")
-    return Check("runs", False, f"{place} is not writable", "start in another folder")
 
 
 def decoding() -> Iterator[Check]:
