@@ -283,7 +283,7 @@ FORGED = {
     "a network beyond memory": (
         {
             "_target_": "vocc_torch.receiver.classifiers.Mlp",
-            "arguments": {"hidden": [10**12]},
+            "arguments": {"hidden": [10**15]},
         },
         "cannot take up what it learned (RuntimeError",
     ),
