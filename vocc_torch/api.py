@@ -378,9 +378,7 @@ def measure(
             )
             for value in axes.simulated_values
         ]
-        counted = sweep.outcomes(
-            jobs, Workers(1), opened, lambda _, more: progress(more)
-        )
+        counted = sweep.outcomes(jobs, Workers(1), opened, progress)
         outcomes = dict(zip(axes.simulated_values, counted, strict=True))
     keys = {name: Key(OWN, name) for name in named}
     return Table(sweep.curves_of(axes, keys, outcomes))

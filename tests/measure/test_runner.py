@@ -161,8 +161,8 @@ def test_no_order_window_or_batch_changes_an_outcome(points, hands, batch):
     """Each stops at the first block that is enough, however many blocks ahead were in flight."""
     told = [[] for _ in points]
     for point, mine in zip(points, told, strict=True):
-        point.progress = lambda of, frames, mine=mine: mine.append(
-            (frames, of.counts[A].frames)
+        point.progress = lambda frames, mine=mine, point=point: mine.append(
+            (frames, point.counts[A].frames)
         )
     assert ends(hands.run(points, batch)) == expected(points)
     assert hands.most <= hands.window

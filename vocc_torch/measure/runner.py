@@ -217,8 +217,8 @@ class Outcome:
     stopped_by: str
 
 
-Progress = Callable[["PointTask", int], object]
-"""Called for each block as it is added: its point, and its frames."""
+Progress = Callable[[int], object]
+"""Called for each block as it is added, with its frames."""
 
 
 @dataclass(eq=False)
@@ -239,7 +239,7 @@ class PointTask:
     job: Job
     rule: Budget
     store: Store | None = None
-    progress: Progress = lambda point, frames: None
+    progress: Progress = lambda frames: None
     counts: dict[tuple[Key, int], Counts] = field(default_factory=dict, init=False)
     stopped_by: str = field(default="", init=False)
     exhausted: bool = field(default=False, init=False)
@@ -282,7 +282,7 @@ class PointTask:
                 self.counts[label] = counts + self.counts.get(label, 0)
             spent = "frames" if (blocks + 1) * BLOCK_FRAMES >= self.rule.frames else ""
             self.stopped_by = stop_reason(self.rule, self.counts, blocks + 1) or spent
-            self.progress(self, part.frames)
+            self.progress(part.frames)
 
     @property
     def outcome(self) -> Outcome:

@@ -39,7 +39,7 @@ def outcomes(
     jobs: Sequence[runner.Job],
     workers: Workers,
     store: Store | None = None,
-    progress: runner.Progress = lambda point, frames: None,
+    progress: runner.Progress = lambda frames: None,
     prepare: Prepare = lambda job, workers: job,
 ) -> Iterator[runner.Outcome]:
     """Count jobs one after the other, each until the budget of its plan is spent.

@@ -104,9 +104,7 @@ def count_curves(run: Run, plan: Plan, **drawing: sweep.Prepare) -> list[curve.C
     jobs = [run.job(case) for row in rows for case in cases_of(row, [plan])]
     curves = list[curve.Curves]()
     with run.stage("bit error rates", plan.frames_in_point * len(jobs)) as advance:
-        outcomes = sweep.outcomes(
-            jobs, run.pool, run.store, lambda _, done: advance(done), **drawing
-        )
+        outcomes = sweep.outcomes(jobs, run.pool, run.store, advance, **drawing)
         for row in rows:
             found = dict[float, runner.Outcome]()
             for at in row.experiment.simulated_values:

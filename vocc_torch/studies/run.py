@@ -110,11 +110,7 @@ class Run:
         jobs = list(map(self.job, cases))
         frames = sum(job.plan.frames_in_point for job in jobs)
         with self.stage(name, frames) as advance:
-            return list(
-                sweep.outcomes(
-                    jobs, self.pool, self.store, lambda _, done: advance(done)
-                )
-            )
+            return list(sweep.outcomes(jobs, self.pool, self.store, advance))
 
     def job(self, case: Case) -> runner.Job:
         """Give the job of a case, with the trainings of each locator numbered."""
