@@ -374,10 +374,9 @@ def print_jobs(jobs: Sequence[SweepJob], keys: Sequence[str], console: Console) 
         label_text = Text(label(job, keys))
         shown.add_row(Text(job.name), label_text, *map("\n".join, cells), job.status)
     console.print(shown)
-    for job in jobs:
-        if job.complaint:
-            text = f"job {job.name} {job.status}: {job.complaint}"
-            console.print(text, markup=False, highlight=False, soft_wrap=True)
+    unread = [job for job in jobs if job.complaint]
+    lines = [f"job {job.name} {job.status}: {job.complaint}" for job in unread]
+    run_folder.say(console, *lines)
     if tables:
         key = "BER: each job's lowest and highest point"
         free = any(row.error_free for table in tables for row in table)

@@ -27,6 +27,7 @@ from vocc_torch.recordings.streams import LiveStream, is_stream
 from vocc_torch.report.folder import (
     Cells,
     print_places,
+    say,
     write_config,
     write_rows,
 )
@@ -35,7 +36,7 @@ from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.album import Album
 from vocc_torch.studies.decode.decoder import readings_of, sized_receiver
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, demand_several
-from vocc_torch.studies.decode.summary import Summary, print_line
+from vocc_torch.studies.decode.summary import Summary
 from vocc_torch.studies.decode.viewer import Viewer
 
 if TYPE_CHECKING:
@@ -179,9 +180,10 @@ def readings_for(
             recording, settings.model, *sides, plug_ins, rate, settings.device
         )
         if choice is not None:
-            print_line(console, str(choice))
+            say(console, str(choice))
     readings, channel = readings_of(receiver, recording, config, is_live)
-    print_line(console, channel)
+    if channel:
+        say(console, channel)
     return receiver, readings
 
 
@@ -259,13 +261,13 @@ def decode_live(
                 summary.add(reading)
                 if reading.frame.arrived_s is not None:
                     latencies_s.append(time.monotonic() - reading.frame.arrived_s)
-                print_line(console, line_of(reading))
+                say(console, line_of(reading))
                 if viewer is not None:
                     viewer.show(reading)
         except KeyboardInterrupt:
             pass
         finally:
-            print_line(console, summarised(summary, latencies_s, stream.dropped))
+            say(console, summarised(summary, latencies_s, stream.dropped))
     if not summary.frames:
         raise VoccError(f"input {stream.source}: no frame arrived")
 

@@ -6,18 +6,13 @@ from dataclasses import dataclass, field
 from rich.console import Console
 
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.report.folder import say
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.reading import Reading, is_adjustable
 
 BY_CHANCE = 0.3
 """False alarms in all frames from which on the likeliest place is not worth a hint. In one frame rates above
 0.07 are not told from 1: the first floor of the tables."""
-
-
-def print_line(console: Console, text: str) -> None:
-    """Print a line as it is; nothing where it is empty."""
-    if text:
-        console.print(text, soft_wrap=True, markup=False, highlight=False)
 
 
 @dataclass
@@ -88,8 +83,7 @@ class Summary:
         if self.most > most:
             judged += f"; a frame shows {self.most}: decode.most={self.most} reads them"
         notes = [f"{source}: {note}" for note, source in self.notes.items()]
-        for text in (*grid, f"  {on} On, {off} Off", self.best.text, judged, *notes):
-            print_line(console, text)
+        say(console, *grid, f"  {on} On, {off} Off", self.best.text, judged, *notes)
 
     def hint(self, config: DecodeConfig, is_trained: bool, receiver: Receiver) -> str:
         """Say what may be tried where nothing was found, by a receiver that was trained here or before."""
