@@ -285,7 +285,7 @@ FORGED = {
             "_target_": "vocc_torch.receiver.classifiers.Mlp",
             "arguments": {"hidden": [10**15]},
         },
-        "cannot take up what it learned (RuntimeError",
+        "classifiers.Mlp cannot be built",
     ),
     "a number for a choice": (
         {"inputs": {"features": ["agr"], "patch": {"pitch": 10**9}}},
