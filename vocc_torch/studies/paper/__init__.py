@@ -11,8 +11,8 @@ class FiguresConfig:
 
     Args:
         names: figures to make, such as [fig22]; [] makes all.
-        readings: readings of what the paper leaves open, by name or as a YAML file; the first is reported
-            in full.
+        readings: sets of assumptions where the paper is open, by name or as a YAML file; the first is
+            reported in full.
         experiments: the measured error rates, by name.
     """
 
