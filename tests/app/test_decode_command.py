@@ -148,6 +148,18 @@ def test_a_folder_with_and_without_panels(decode, model, photo, tmp_path, capsys
         assert one.size == other.size == (given.width * 2, given.height * 2)
 
 
+def test_the_configuration_of_a_run_with_a_model_runs_again(
+    app, model, photo, tmp_path
+):
+    words = ("task=decode", f"model={model}", f"input={photo}")
+    saved = ("--config-path", tmp_path / "runs" / "first", "--config-name", "config")
+    bits = []
+    for name, given in (("first", words), ("again", saved)):
+        assert app(*given, f"name={name}").status == 0
+        bits.append((tmp_path / "runs" / name / "bits.csv").read_bytes())
+    assert bits[0] == bits[1]
+
+
 def test_what_is_no_panel_is_called_doubtful(decode, model, tmp_path, capsys):
     """The locator gives the best blob there is: noise scores low, a wall high but without two levels."""
     noise = np.random.default_rng(0).integers(0, 256, (120, 160)).astype(np.uint8)

@@ -88,6 +88,8 @@ def test_own_weights_see_several_panels_and_are_kept(here, photo_bits, monkeypat
     monkeypatch.chdir(here)
     again = rows_of(here / "b", "model=a/receiver.pt", "decode.most=3")
     assert [row["bits"] for row in again] == [photo_bits] * 2
+    text = (here / "b" / "config.yaml").read_text()
+    assert f"weights: {here / 'mine.json'}" in text
     (here / "mine.json").write_text((here / "mine.json").read_text() + "\n")
     with pytest.raises(
         VoccError, match=r"mine.json holds other weights than the model was made"

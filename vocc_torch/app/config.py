@@ -3,7 +3,7 @@
 import inspect
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -87,34 +87,24 @@ class AppConfig(Settings):
             raise VoccError.of("receiver.locator", "'truth'", rule)
 
     def plain(self) -> dict[str, Any]:
-        """Give the plain values of the keys that the task uses, without those that a model brings."""
-        task = task_named(self.task)
-        brought = [] if self.model is None else task.brought
-        return used(super().plain(), task, brought)
+        """Give the plain values of the keys that the task uses."""
+        return used(super().plain(), task_named(self.task))
 
 
-def used(
-    plain: Mapping[str, Any],
-    task: Task,
-    brought: Sequence[str] = (),
-    section: str = "",
-) -> dict[str, Any]:
+def used(plain: Mapping[str, Any], task: Task, section: str = "") -> dict[str, Any]:
     """Leave out of plain values the keys that a task does not use.
 
     Args:
         plain: the values of a section.
         task: whose keys stay. Unknown keys stay too, so that they are refused later.
-        brought: keys that are left out too.
         section: where they are, with a point at its end.
     """
     values, known = dict[str, Any](), keys_of(AppConfig)
     for name, value in plain.items():
         key = f"{section}{name}"
         if key not in known or covers(task.keys, key):
-            if is_dataclass(known.get(key)) and isinstance(value, dict):
-                values[name] = used(value, task, brought, f"{key}.")
-            elif not covers(brought, key):
-                values[name] = value
+            nested = is_dataclass(known.get(key)) and isinstance(value, dict)
+            values[name] = used(value, task, f"{key}.") if nested else value
     return values
 
 

@@ -4,13 +4,15 @@ import itertools
 import pickle
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.measure.config import Settings
 from vocc_torch.measure.link import Link, block_keys
 from vocc_torch.measure.plan import Plan, identity
 from vocc_torch.measure.store import canonical
@@ -20,6 +22,7 @@ from vocc_torch.receiver.calibration import Calibration, appearance, ranges_of
 from vocc_torch.receiver.classifiers import Guarded, plugged
 from vocc_torch.receiver.deciders import FLDA_FEATURES, Bank, bank_of, feature_indices
 from vocc_torch.receiver.flda import FLDA
+from vocc_torch.receiver.locators import locator_settings, locator_words
 from vocc_torch.receiver.reader import Readings
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BLOCK_FRAMES, training_point
@@ -264,6 +267,33 @@ def receiver_for(plan: Plan, *, at_truth: bool = False) -> Receiver:
     )
     receiver.locator = plan.receiver.finder or receiver.locator
     return receiver
+
+
+def settings_used(settings: Settings, receiver: Receiver) -> Settings:
+    """Say in the settings which receiver was used, where a model brought it."""
+    if settings.model is None:
+        return settings
+    settings_of_locator: dict[str, Any] = locator_settings(receiver.locator)
+    name, locators = locator_words(receiver.locator)
+    limits = asdict(settings.receiver.location)
+    limits |= {
+        key: value
+        for key, value in settings_of_locator.get("paper", settings_of_locator).items()
+        if key in limits
+    }
+    named = replace(
+        settings.receiver,
+        save=receiver.name,
+        locator=name,
+        location=replace(settings.receiver.location, **limits),
+        false_alarms=None if locators else settings_of_locator.get("false_alarms"),
+    )
+    classifiers = {
+        name: classifier
+        for name, classifier in settings.classifiers.items()
+        if name == receiver.name
+    }
+    return replace(settings, receiver=named, classifiers=classifiers, locators=locators)
 
 
 @dataclass

@@ -10,6 +10,7 @@ from .registry import (
     locator_from,
     locator_named,
     locator_settings,
+    locator_words,
     plugged_locator,
 )
 
@@ -25,5 +26,6 @@ __all__ += [
     "locator_from",
     "locator_named",
     "locator_settings",
+    "locator_words",
     "plugged_locator",
 ]

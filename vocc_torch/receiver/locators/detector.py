@@ -93,6 +93,11 @@ class DetectorLocator(PanelLocator):
         return cls(false_alarms=false_alarms)
 
     @property
+    def follows_configuration(self) -> bool:
+        """Whether :meth:`of` can build it."""
+        return self.weights is None
+
+    @property
     def settings(self) -> dict[str, Any]:
         """What a model file keeps of it: weights of your own by their place and digest."""
         values = {"name": self.name, **asdict(self)}

@@ -99,6 +99,11 @@ class RefinedLocator(PanelLocator):
         """Build it on the limits of blobs."""
         return cls(paper)
 
+    @property
+    def follows_configuration(self) -> bool:
+        """Whether :meth:`of` can build it."""
+        return self == RefinedLocator(self.paper)
+
     @classmethod
     def from_settings(cls, values: Mapping[str, Any]) -> "RefinedLocator":
         """Build it from its settings without the name."""

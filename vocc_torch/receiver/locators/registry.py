@@ -1,6 +1,7 @@
 """The locators that ship by name, and their settings in configurations and model files."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 from vocc_torch.errors import VoccError, shown
@@ -105,3 +106,37 @@ def locator_from(
     if name not in LOCATORS:
         raise ValueError(f"its locator is {name!r}, none of {', '.join(LOCATORS)}")
     return LOCATORS[name].from_settings(values)
+
+
+def locator_words(locator: PanelLocator) -> tuple[str, dict[str, dict[str, object]]]:
+    """Return a locator's name in a configuration, and what ``locators`` has to say of it there.
+
+    Raises:
+        VoccError: what :func:`locator_settings` refuses.
+
+    Example:
+        >>> locator_words(RefinedLocator())
+        ('refined', {})
+    """
+    settings = locator_settings(locator)
+    if TARGET in settings:
+        name = settings["name"]
+        return name, {name: {TARGET: settings[TARGET], **settings["arguments"]}}
+    if locator.follows_configuration:
+        return locator.name, {}
+    name = f"own_{locator.name}"
+    return name, {name: _described(locator)}
+
+
+def _described(part: Any) -> dict[str, object]:
+    """Describe a dataclass by its class and the arguments that are not its defaults."""
+    kind = type(part)
+    values = {field.name: getattr(part, field.name) for field in fields(part)}
+    changed = {
+        name: value for name, value in values.items() if value != getattr(kind(), name)
+    }
+    inner = {
+        name: _described(value) if is_dataclass(value) else value
+        for name, value in changed.items()
+    }
+    return {TARGET: f"{kind.__module__}.{kind.__name__}", **inner}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from vocc_torch.boundary import checked
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.locators import locator_words
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import SHIPPED, shipped_receiver
 from vocc_torch.recordings.frames import RecordedFrame, turned
@@ -152,8 +153,8 @@ def sized_receiver(
         raise VoccError(f"{reads}, and {size}: make them agree")
     if false_alarms is not None:
         if not is_adjustable(receiver.locator):
-            label = receiver.locator.label
-            rule = f"only detector states them, and the model's locator is {label}"
+            words = locator_words(receiver.locator)[0]
+            rule = f"only detector states them, and the model's locator is {words}"
             raise VoccError(f"receiver.false_alarms is {false_alarms}: {rule}")
         receiver.locator = receiver.locator.at_rate(false_alarms)
     return receiver.to(resolve_device(device)), recording, choice

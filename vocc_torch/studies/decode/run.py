@@ -16,6 +16,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.files import VIDEO_SUFFIXES
 from vocc_torch.measure.config import Settings
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.receiver.shipped import SHIPPED
 from vocc_torch.recordings.frames import RecordedFrame, turned
 from vocc_torch.recordings.reading import (
     ALLOWED,
@@ -207,7 +208,12 @@ def receiver_of(settings: Settings, plan: "Plan", *, at_truth: bool) -> Receiver
 
 def write_receiver(settings: Settings, receiver: Receiver, folder: Path) -> None:
     """Write the configuration, and the receiver where it was trained in this run."""
-    write_config(settings, folder)
+    if settings.model in SHIPPED:
+        write_config(settings, folder)
+        return
+    from vocc_torch.measure.train import settings_used
+
+    write_config(settings_used(settings, receiver), folder)
     if settings.model is None:
         receiver.save(folder / "receiver.pt")
 
