@@ -71,5 +71,5 @@ def test_frames_and_bins_without_results_are_named():
     notes = notes_on(plan_of(binned, 1200), curves_of({0.1: ((), ())}))
     assert notes[:2] == [
         "200 of 1200 frames have a contrast outside the bins and are not counted",
-        "no frame fell into the bins about 0.3: they are not in the results",
+        "no frame has a contrast in the bins at 0.3: they are not in the results",
     ]

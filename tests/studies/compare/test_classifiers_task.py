@@ -116,7 +116,7 @@ def test_figures_have_a_panel_a_receiver_and_a_cell_a_pair_of_scenes(made_up):
     assert figure.axes[0].get_ylabel() == "Bit error rate"
     assert figure.axes[0].get_xlabel() == "Distance (m)"
     axes, _ = scenes_figure(scenes, "paper", list(WRONG)).axes
-    arrow = "\n\N{RIGHTWARDS ARROW} "
+    arrow = "\n\N{DOWNWARDS ARROW}\n"
     labels = [label.get_text().split(arrow) for label in axes.get_xticklabels()]
     assert labels == [list(pair) for pair in PAIRS[:3]]
     assert "1.4e-2\n4.5 x" in {text.get_text() for text in axes.texts}

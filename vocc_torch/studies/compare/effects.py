@@ -284,6 +284,6 @@ def print_effects(rows: Sequence[TableRow]) -> None:
                     cells[reading] = Estimate(*numbers)
     note = (
         "Added time and changes of the bit error rate with 95 % intervals, on the same frames."
-        " retrained: trained with the effect."
+        " retrained: the receiver is trained with the effect."
     )
     print_rows(shown, columns, note)

@@ -71,12 +71,12 @@ def curves_figure(
 def scenes_figure(
     rows: Sequence[TableRow], home: str, receivers: Sequence[str]
 ) -> Figure:
-    """Draw both ways: trained at home and tested elsewhere, and trained elsewhere and tested at home.
+    """Draw the rates of receivers that were trained in one scene and tested in another.
 
     Args:
-        rows: of ``robustness.csv``.
-        home: name of the scenes of the experiments.
-        receivers: in order, those that learned nothing among them.
+        rows: rows of ``robustness.csv``.
+        home: name of the scene of the experiments. It is in each pair, for the training or for the test.
+        receivers: names in order; receivers without training are left out.
     """
     moves = {
         ((str(row["trained_on"]), str(row["tested_on"])), str(row["receiver"])): row
@@ -90,8 +90,8 @@ def scenes_figure(
         np.array([[row["ber"].value for row in line] for line in cells]),
         [list(map(transfer_text, line)) for line in cells],
         [style.label for style in styles.receiver_styles(names).values()],
-        ["\n\N{RIGHTWARDS ARROW} ".join(pair).replace("_", " ") for pair in pairs],
-        "trained on \N{RIGHTWARDS ARROW} tested on",
+        ["\n\N{DOWNWARDS ARROW}\n".join(pair).replace("_", " ") for pair in pairs],
+        "trained on \N{DOWNWARDS ARROW} tested on",
     )
     note = (
         f"{rows[0]['frames']} test frames a pair{DOT}pale: no errors, 95 % limit{DOT}second line: ratio to the"

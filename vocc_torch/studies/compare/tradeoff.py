@@ -175,7 +175,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
         prices, stages = price_receivers(study, run)
     columns = {name: name for name in ("receiver", "locator", "batch", "ms")}
     columns |= {"ber": "BER", "rank": ""}
-    note = "frontier: none is quicker and better; beaten: one is; perhaps: one may be"
+    note = "frontier: no receiver is quicker and better; beaten: one is; perhaps: one may be"
     lines = [note, "", prices.conditions(), *left_out_lines(study.left_out)]
     quickest = sorted(prices.rows(), key=lambda row: float(row["ms"].value))
     print_rows(quickest, columns, "\n".join(lines))
