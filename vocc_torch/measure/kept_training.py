@@ -68,19 +68,20 @@ def train_plans(
     store: Store,
     progress: Callable[[float], object],
 ) -> tuple[list[Training], int]:
-    """Train every plan with its own locator, each receiver by itself on one thread.
+    """Train every plan with its own locator, each receiver separately on one thread.
 
-    So many train at the same time and each has a price. Receivers that train alike are trained once.
+    Receivers can then be trained in parallel, and the time of each is known. Receivers with equal trainings
+    are trained once.
 
     Args:
         plans: the studies.
-        workers: who does it; here too on one thread.
-        store: has what was trained before, and keeps what is trained now.
+        workers: the executor; this process, too, uses one thread.
+        store: the store of trained receivers, which is read and extended.
         progress: called with the share of a receiver's training that was done since the last call.
 
     Returns:
-        The training of each plan, whose ``making`` says what each receiver took; and how many receivers were
-        trained now.
+        The training of each plan, with the costs of each receiver in ``making``; and the number of receivers
+        that were trained now.
 
     Raises:
         VoccError: as :func:`train`, or a worker that was ended from outside.

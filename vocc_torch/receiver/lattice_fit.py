@@ -18,23 +18,23 @@ WHITEST_FACE = 1 / 0.18 - 1
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Steps of the fit, and how far each value is expected to be off."""
+    """Steps of the fit, and the expected errors of the starting values."""
 
-    steps: int = 20
-    free_steps: int = 2  # that take bits from amplitudes; later ones turn single bits
-    least_steps: int = 4  # after which a small step may be the last
-    still_cells: float = 4e-3  # a step below this is the last
-    most_cells: float = 0.4  # of a step
-    # Standard deviations: of the corner fields 1, u, v and uv in x and in y, in cells.
+    steps: int = 20  # most steps
+    free_steps: int = 2  # first steps, with bits from amplitudes; later ones flip bits
+    least_steps: int = 4  # least steps before the fit may end
+    still_cells: float = 4e-3  # a smaller step ends the fit
+    most_cells: float = 0.4  # largest step
+    # Standard deviations of the corner fields 1, u, v and uv in x and in y, cells.
     corners_cells: tuple[float, ...] = (1.0, 0.5, 0.5, 0.1, 1.0, 0.5, 0.5, 0.1)
-    # The same of the blur in cells, of the levels and the background in light, white being 1.
+    # Standard deviations of the blur, cells, and of levels and background, white being 1.
     others: tuple[float, ...] = (0.2, 0.2, 0.3, 1.0, 0.02)
-    no_face: float = 1e-6  # light of the face where a panel is taken to have none
-    blur_cells: tuple[float, float] = (0.1, 0.75)
-    saturated_dn: float = 254.5  # from which a pixel may be any brighter
-    imputations: int = 16
-    ridge: float = 1e-6  # of amplitudes, where spots melt together
-    least_light: float = 1e-5  # white being 1
+    no_face: float = 1e-6  # light of the face of a panel without a face
+    blur_cells: tuple[float, float] = (0.1, 0.75)  # limits of the blur
+    saturated_dn: float = 254.5  # grey value of a saturated pixel
+    imputations: int = 16  # rounds in which saturated pixels are estimated
+    ridge: float = 1e-6  # regularises amplitudes of overlapping spots
+    least_light: float = 1e-5  # lower limit of light, white being 1
 
 
 FIT = FitSettings()

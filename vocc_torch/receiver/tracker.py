@@ -1,4 +1,4 @@
-"""Following panels in a recording: the last frame says where to look, a full search comes now and then."""
+"""Following panels in a recording: near their last position, with a search of the whole frame at intervals."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -21,23 +21,23 @@ from vocc_torch.types import Frames, PanelShape, StatedPanels
 
 @dataclass(frozen=True)
 class TrackerSettings:
-    """When a panel is followed, and how much is learned anew from each frame."""
+    """Thresholds of following, and weights of the newest frame in running means."""
 
-    least_log_odds: float = 2.0  # over some frames; a few lamps have less
-    clear_log_odds: float = 4.0  # from which on no wide search is worth its time
-    fallen: float = 3.0  # below what they were, from which on it is
-    shape_kept: float = 0.3  # share of a new size and shape that is believed
-    spread_learned: float = 0.2  # share of how far a panel is off
-    noise_cells2: float = 0.02  # squared cells by which a placed panel is off
-    per_cell: float = 2.0  # log odds that a cell off the expected place costs
-    motion_learned: float = 0.5  # share of a panel's motion
-    growth_learned: float = 0.1  # share of the motion of its size and shape
-    odds_learned: float = 0.2  # share of the log odds
-    slip_forgotten: float = 0.3  # share of the evidence of slips
+    least_log_odds: float = 2.0  # mean log odds of a panel that is followed
+    clear_log_odds: float = 4.0  # with higher log odds the search is not widened
+    fallen: float = 3.0  # fall of the log odds that widens the search
+    shape_kept: float = 0.3  # weight of a new size and shape
+    spread_learned: float = 0.2  # weight of the newest prediction error
+    noise_cells2: float = 0.02  # variance of the placer's corners, squared cells
+    per_cell: float = 2.0  # log odds subtracted per cell off the expected place
+    motion_learned: float = 0.5  # weight of the newest motion
+    growth_learned: float = 0.1  # weight of the newest change of size and shape
+    odds_learned: float = 0.2  # weight of the newest log odds
+    slip_forgotten: float = 0.3  # share of the slips' evidence dropped per frame
     slip: float = 4.0  # log odds by which a moved lattice must be likelier
-    soon: int = 3  # frames to the next search where a panel is missed
-    most_doubts: int = 2  # searches that find others alone, and a panel is none
-    least_pitch_px: float = 1.0  # of a panel that is followed
+    soon: int = 3  # frames to the next search if a panel is missed
+    most_doubts: int = 2  # searches without the panel before it is dropped
+    least_pitch_px: float = 1.0  # smallest pitch of a panel that is followed
 
 
 SETTINGS = TrackerSettings()
@@ -51,17 +51,17 @@ class Track:
     """A panel that is followed.
 
     Args:
-        number: its own, from 0.
-        corners: (4,2) float64 px where it was seen last.
-        score: of the last full search that was sure of it.
-        false_alarms: stated by that search, for a frame without a panel.
-        log_odds: by the placer, over some frames.
-        motion: (4,2) px a frame.
-        slips: (5,) evidence for :data:`SLIPS`, log odds over some frames.
-        spread: squared cells by which it is off from where it is expected.
-        misses: looks since it was seen.
-        unseen: frames since it was seen, which are more where frames were dropped.
-        doubts: full searches since one met it that found others.
+        number: number of the track, from 0.
+        corners: (4,2) float64 px, the corners when the panel was last found.
+        score: score of the last full search that accepted the panel.
+        false_alarms: false alarms that this search expects in a frame without a panel.
+        log_odds: running mean of the placer's log odds.
+        motion: (4,2) motion of the corners, px per frame.
+        slips: (5,) running log odds of :data:`SLIPS`.
+        spread: mean square of the prediction error, squared cells.
+        misses: processed frames since the panel was last found.
+        unseen: frames since then, dropped frames included.
+        doubts: full searches in a row that found other panels only.
     """
 
     number: int
@@ -133,15 +133,16 @@ class Track:
 class Tracker:
     """Follow panels from frame to frame of one recording.
 
-    A full search begins, goes on while nothing is seen, and comes again every ``every`` frames: it finds new
-    panels and corrects the followed ones. A panel that is not seen in ``patience`` frames is lost.
+    The whole frame is searched in the first frame, in each frame while no panel is followed, and every
+    ``every`` frames. A search finds new panels and corrects the followed ones. A panel that is not found in
+    ``patience`` frames is lost.
 
     Args:
-        locator: does the full search; of one that finds several every panel is followed, else the best.
+        locator: locator of the full search. If it finds several panels all are followed, else the best one.
         shape: rows and columns.
         every: frames between full searches, at least 1.
-        patience: frames that a panel may be out of sight.
-        number: of the next panel that is new.
+        patience: most frames in which a followed panel may be missed.
+        number: number of the next new panel.
 
     Raises:
         VoccError: a number below 1.
@@ -170,11 +171,11 @@ class Tracker:
     def __call__(
         self, frame: NDArray[np.uint8] | Tensor, passed: int = 1
     ) -> list[Track]:
-        """Take the recording's next frame (H,W) uint8, and return its panels.
+        """Process the next frame (H,W) uint8 of the recording, and return its panels.
 
         Args:
             frame: the frame.
-            passed: frames since the last one that was taken, more than 1 where some were dropped.
+            passed: frames since the last processed one, more than 1 if frames were dropped.
 
         Raises:
             VoccError: no frame, several, or one of another type or with colours.
@@ -216,17 +217,17 @@ class Tracker:
     def panels(
         self, greys: Tensor, most: int = 1, passed: Sequence[int] = ()
     ) -> tuple[list[int], list[int], StatedPanels]:
-        """Take the next frames (B,H,W) uint8 in order, and give up to ``most`` panels of each.
+        """Process the next frames (B,H,W) uint8 in order, and return up to ``most`` panels of each.
 
         Args:
             greys: the frames.
-            most: panels of a frame.
-            passed: of each frame, as for a call; by default 1.
+            most: most panels per frame.
+            passed: for each frame, as in :meth:`__call__`; by default 1.
 
         Returns:
-            The frame of each panel, in order, and the number of its track, those followed longest first; a
-            frame without a panel has one that was not found. And the panels, with the score and false alarms
-            of the last search that was sure of them.
+            For each panel the index of its frame and the number of its track, and the panels. In a frame the
+            longest tracks come first. A frame without a panel has one entry that is not found. Score and
+            false alarms are those of the last full search that accepted the panel.
         """
         none = Track(0, torch.zeros(4, 2).double(), 0.0, math.nan, 0.0)
         rows = []

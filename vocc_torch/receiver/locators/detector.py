@@ -30,14 +30,14 @@ class DetectorLocator(PanelLocator):
     - Judge: a network that sees a candidate by its corners, scores it and moves its corners.
     - Placer: a network that sees each cell of a candidate, moves its corners and gives its log odds.
 
-    The log odds say how many false alarms a frame without a panel is expected to give, by a table of such
-    frames (:mod:`vocc_torch.receiver.false_alarms`). ``Panels.score`` is the probability. With weights of
-    your own there is no table: a panel is found where the probability is at least 0.5.
+    A table converts the log odds to the expected number of false alarms in a frame without a panel
+    (:mod:`vocc_torch.receiver.false_alarms`). ``Panels.score`` is the probability of a panel. Your own
+    weights have no table: a candidate is accepted if its probability is at least 0.5.
 
     Args:
-        weights: a file that ``task=train_detector`` wrote; None takes the one that ships.
-        false_alarms: a panel is found where at most as many are expected in a frame without one; above 0, and
-            with infinity every candidate is.
+        weights: a file of ``task=train_detector``; None takes the weights that ship.
+        false_alarms: accept a candidate if at most this many false alarms are expected in a frame without a
+            panel; above 0. Infinity accepts every candidate.
 
     Raises:
         VoccError: a number out of its range; when called, weights that are missing or damaged.
@@ -60,12 +60,12 @@ class DetectorLocator(PanelLocator):
 
     @property
     def states_false_alarms(self) -> bool:
-        """Whether its weights ship: nothing is stated of others."""
+        """Whether the weights are those that ship, the only ones with a table of false alarms."""
         return self.weights is None
 
     @property
     def most_false_alarms(self) -> float:
-        """The most at which a candidate is a panel; NaN with weights of your own."""
+        """Most expected false alarms of an accepted candidate; NaN with weights of your own."""
         return self.false_alarms if self.weights is None else math.nan
 
     def networks(self, device: torch.device) -> Networks:
@@ -75,7 +75,7 @@ class DetectorLocator(PanelLocator):
         )
 
     def demand_shape(self, shape: PanelShape) -> None:
-        """Refuse a panel so small that no false alarms are stated of it."""
+        """Refuse a panel with too few LEDs for the table of false alarms."""
         if self.weights is None and self.false_alarms != math.inf:
             demand_stated(self.name, shape)
 
@@ -99,7 +99,7 @@ class DetectorLocator(PanelLocator):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What a model file keeps of it: weights of your own by their place and digest."""
+        """Settings for a model file; your own weights are given by path and digest."""
         values = {"name": self.name, **asdict(self)}
         if self.weights is None:
             return values
