@@ -283,9 +283,9 @@ FORGED = {
     "a network beyond memory": (
         {
             "_target_": "vocc_torch.receiver.classifiers.Mlp",
-            "arguments": {"hidden": [10**15]},
+            "arguments": {"hidden": [10**12]},
         },
-        "classifiers.Mlp cannot be built",
+        "its arguments do not fit module.layers.0.weight",
     ),
     "a number for a choice": (
         {"inputs": {"features": ["agr"], "patch": {"pitch": 10**9}}},

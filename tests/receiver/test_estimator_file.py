@@ -49,6 +49,21 @@ def archive(penalty, parts, compression=zipfile.ZIP_STORED):
     return buffer.getvalue()
 
 
+def node(loader, **keys):
+    about = {"__class__": "list", "__module__": "builtins", "__loader__": loader}
+    return about | keys
+
+
+def laughs(depth, width):
+    """Nest lists, each with the one before many times over."""
+    number = node("JsonNode", content="0", __id__=100)
+    inner = node("ListNode", content=[number] * width, __id__=101)
+    for key in range(102, 100 + depth):
+        again = [node("CachedNode", __id__=key - 1)] * (width - 1)
+        inner = node("ListNode", content=[inner, *again], __id__=key)
+    return inner
+
+
 def array(name):
     about = {"__class__": "ndarray", "__module__": "numpy", "__loader__": "NdArrayNode"}
     return about | {"type": "numpy", "file": name}
@@ -64,6 +79,19 @@ CRAFTED = {
         {"penalty": array("a.npz"), "parts": {"a.npz": archive(None, {})}},
         {},
         "it has a part that is no array",
+    ),
+    "one part by many names": (
+        {
+            "penalty": node("ListNode", content=[array("a.npy")] * 10),
+            "parts": {"a.npy": npy(LARGE)},
+        },
+        {},
+        "it builds more than 67108864 bytes",
+    ),
+    "lists that multiply": (
+        {"penalty": laughs(9, 10), "parts": {}},
+        {},
+        "it builds more than 67108864 bytes",
     ),
 }
 

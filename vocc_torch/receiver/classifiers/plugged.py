@@ -37,6 +37,9 @@ SHIPPED = tuple(
 )
 """The classifiers that ship: a model file may name them without permission."""
 
+MOST_LETTERS = 1000
+"""Most letters of the arguments of a classifier that ships, as text."""
+
 NUMPY = "numpy"
 """The name under which it is said which arrays are NumPy's."""
 
@@ -219,6 +222,8 @@ def restored(
             packed = arrays[SKOPS].numpy().tobytes()
             estimator = adapters.SklearnClassifier(unpacked(packed, io, trusts))
             return Guarded(plug_in.name, estimator, inputs, plug_in)
+        if plug_in.target in SHIPPED:
+            demand_size(plug_in, inputs, arrays)
         guarded = classifier_of(plug_in, inputs)
         classifier: Any = guarded.classifier
         if callable(getattr(classifier, "load_state_dict", None)):
@@ -241,6 +246,22 @@ def restored(
         raise VoccError(
             f"classifier {plug_in.name} cannot take up what it learned ({reason})"
         ) from error
+
+
+def demand_size(plug_in: PlugIn, inputs: Inputs, arrays: Mapping[str, Tensor]) -> None:
+    """Refuse a network of other sizes than its arrays, before it takes memory.
+
+    Raises:
+        VoccError: arguments that make other arrays.
+    """
+    if sum(map(len, map(str, plug_in.arguments.values()))) > MOST_LETTERS:
+        raise VoccError("its arguments are too long")
+    with torch.device("meta"):
+        sketch: Any = classifier_of(plug_in, inputs).classifier
+    if isinstance(sketch, adapters.TorchClassifier):
+        for name, value in sketch.module.state_dict(prefix="module.").items():
+            if name not in arrays or arrays[name].shape != value.shape:
+                raise VoccError(f"its arguments do not fit {name}")
 
 
 def demand_learned(
