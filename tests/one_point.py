@@ -26,9 +26,7 @@ def job_of(plan, of_locators, value):
     return sweep.job_of(plan, banks, value)
 
 
-def run_point(
-    job, rule, *, store=None, batch_frames=64, told=lambda frames: None
-):
+def run_point(job, rule, *, store=None, batch_frames=64, told=lambda frames: None):
     """Add blocks of one point in index order until the rule holds."""
     with Workers(1) as workers:
         (outcome,) = runner.count(
