@@ -9,7 +9,7 @@ import pkgutil
 import shutil
 import sys
 import tempfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from modulefinder import ModuleFinder
@@ -367,14 +367,14 @@ class PlugIn:
             return named(self.target)
 
     @contextmanager
-    def _refusing(self, how: str) -> Iterator[None]:
-        """Say in one line what cannot be done with the target, and the error's own words."""
+    def _refusing(self, how: str, reason: Callable[[], str] = str) -> Iterator[None]:
+        """Say in one line what cannot be done with the target, and the reason or else the error's own words."""
         try:
             yield
         except VoccError as error:
             raise VoccError(f"{self.key}: {error}") from error
         except (Exception, SystemExit) as error:
-            why = " ".join(str(error.__cause__ or error).split())
+            why = reason() or " ".join(str(error.__cause__ or error).split())
             raise VoccError(
                 f"{self.key}: {self.target} cannot be {how} ({why})"
             ) from error
@@ -401,7 +401,7 @@ class PlugIn:
             raise VoccError(
                 f"{self.key}: {self.target} is neither a class nor a function"
             )
-        with self._refusing("built"):
+        with self._refusing("built", lambda: _untaken(kind, arguments)):
             return kind(**assembled(arguments))
 
     @property
@@ -444,6 +444,17 @@ class PlugIn:
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickle the settings alone: another process builds its own."""
         return type(self), (self.key, self.name, self.target, dict(self.arguments))
+
+
+def _untaken(kind: Callable[..., object], arguments: Mapping[str, object]) -> str:
+    """Say which argument a class does not take, and which it takes; empty where none is known to be wrong."""
+    # Of classes that cannot be looked into.
+    with suppress(TypeError, ValueError):
+        taken = inspect.signature(kind).parameters
+        strays = [name for name in arguments if name not in taken]
+        if strays and not any(one.kind == one.VAR_KEYWORD for one in taken.values()):
+            return f"it takes no {strays[0]}, but {', '.join(taken)}"
+    return ""
 
 
 def package_maker(name: str) -> str:

@@ -200,8 +200,11 @@ def test_what_is_no_ordinary_file_of_its_own_is_refused(path):
         ("a", Path.mkdir),
         ("b", os.mkfifo),
         ("c", lambda one: one.symlink_to("/nowhere/x")),
+        ("d-journal", os.mkfifo),
+        ("e-wal", os.mkfifo),
     ):
-        make(opened := path.with_name(name))
+        make(path.with_name(name))
+        opened = path.with_name(name.partition("-")[0])
         refusal(
             lambda opened=opened: Store.open(opened, {}),
             f"runs/{name}",

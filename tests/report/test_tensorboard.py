@@ -16,6 +16,7 @@ from tensorboard.plugins.hparams import plugin_data_pb2
 from vocc_torch.measure.curve import BerTable
 from vocc_torch.report import tensorboard
 from vocc_torch.report.tensorboard import (
+    OUTLIERS,
     SUMMARY_RUN,
     axis_steps,
     swept_keys,
@@ -106,8 +107,37 @@ def test_each_receiver_is_a_run_with_the_curve_in_ascending_steps(tmp_path, tabl
             tag = f"{name}/ambient_lx"
             assert (tag in events.Tags()["scalars"]) == bool(points)
             if points:
+                found = [
+                    (step, value)
+                    for step, value in series(events, tag)
+                    if step in steps.values()
+                ]
                 placed = [(steps[value], rate) for value, rate in points]
-                np.testing.assert_allclose(series(events, tag), placed, rtol=1e-6)
+                np.testing.assert_allclose(found, placed, rtol=1e-6)
+
+
+def test_no_end_of_a_chart_is_taken_for_an_outlier(tmp_path):
+    """By the rule of TensorBoard's charts: the 5 % and 95 % quantiles of all values."""
+    names = ("flda_agr", "flda_gri", "flda_2", "average_greyscale")
+    points = [
+        made_up_point(value, name, 900)
+        for name in names
+        for value in range(1000, 33000, 1000)
+    ]
+    points += [
+        made_up_point(2000, "flda_3", 1),
+        made_up_point(3000, "center_greyscale", 1999),
+    ]
+    write_board(tmp_path, BerTable(points))
+    values = [
+        value
+        for run in tmp_path.iterdir()
+        if "log10_BER/ambient_lx"
+        in (events := read(tmp_path, run.name)).Tags()["scalars"]
+        for _, value in series(events, "log10_BER/ambient_lx")
+    ]
+    assert np.quantile(values, OUTLIERS) == min(values)
+    assert np.quantile(values, 1 - OUTLIERS) == max(values)
 
 
 def test_the_keys_of_a_sweep_are_hyperparameters(tmp_path, table, monkeypatch):

@@ -74,7 +74,7 @@ class Store(AbstractContextManager["Store"]):
     ) -> None:
         """Hold an open connection; call :meth:`open` instead."""
         self.path, self.close = path, connection.close
-        self._connection, self._settings = connection, settings
+        self._connection, self._settings, self._inode = connection, settings, -1
 
     @classmethod
     def open(cls, path: str | Path, settings: Mapping[str, object]) -> Self:
@@ -93,9 +93,12 @@ class Store(AbstractContextManager["Store"]):
         path, text = Path(path), canonical(settings)
         with _told(path):
             exists = path.exists()
-            if path.is_symlink() or (exists and not path.is_file()):
-                no = "is a link, a folder, a device or a pipe: it must be an ordinary file"
-                raise VoccError(f"{_shown(path)} {no}")
+            # SQLite would block on a pipe beside the store.
+            for suffix in ("", "-journal", "-wal"):
+                part = path.with_name(path.name + suffix)
+                if part.is_symlink() or (part.exists() and not part.is_file()):
+                    no = "is a link, a folder, a device or a pipe: it must be an ordinary file"
+                    raise VoccError(f"{_shown(part)} {no}")
             if exists and 0 < path.stat().st_size < _LEAST_BYTES:
                 raise VoccError(f"{_shown(path)} {_STRANGER}")
             # SQLite would open it read-only.
@@ -107,6 +110,7 @@ class Store(AbstractContextManager["Store"]):
         try:
             with _told(path):
                 store._begin()
+                store._inode = path.stat().st_ino
         except BaseException:
             store.close()
             with suppress(OSError):
@@ -210,12 +214,20 @@ class Store(AbstractContextManager["Store"]):
         Raises:
             VoccError: as :meth:`add`.
         """
+        self._demand_file()
         self._run("BEGIN")
         try:
             yield
         finally:  # also what came before an error
             if self._connection.in_transaction:
                 self._run("COMMIT")
+
+    def _demand_file(self) -> None:
+        """Refuse to write to a file that is no longer where it was."""
+        with _told(self.path):
+            there = self.path.exists() and self.path.stat().st_ino == self._inode
+        if not there:
+            raise self._refusal("was deleted under this run", "start it again to go on")
 
     def add(
         self, point: str, block: int, frames: int, content: bytes, *, anew: bool = False
@@ -235,6 +247,8 @@ class Store(AbstractContextManager["Store"]):
         """
         known, row = self.find(point, block, frames), (point, block, frames, content)
         if known is None or anew:
+            if not self._connection.in_transaction:
+                self._demand_file()
             line = (*row, self._digest(*row))
             self._run("INSERT OR REPLACE INTO blocks VALUES (?, ?, ?, ?, ?)", *line)
         elif known != content:

@@ -21,7 +21,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import Settings, as_yaml
-from vocc_torch.measure.curve import BerTable
+from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.report import page, plots, styles
 
 SUMMARY_RUN = "_summary"
@@ -30,6 +30,9 @@ SUMMARY_RUN = "_summary"
 
 LOG_FACTOR = 1000
 """What the logarithm of a value is multiplied by, for a whole step."""
+
+OUTLIERS = 0.05
+"""Share of a chart's values at either end that TensorBoard takes for outliers, and cuts off."""
 
 NOT_HYPERPARAMETERS = (
     "name",
@@ -215,6 +218,21 @@ class BoardPart:
             return f"{LOG_FACTOR} x log10 of {label}"
         return str(styles.LOOKS["steps"].get(self.table.axis, (1, label))[1])
 
+    def repeats(self, row: Row) -> int:
+        """Return at how many neighbouring steps a point is written.
+
+        TensorBoard takes what few points have for outliers: both ends of a chart have enough of them.
+        """
+        rates = [point.ber for point in self.table if not point.error_free]
+        if row.ber not in (min(rates, default=None), max(rates, default=None)):
+            return 1
+        step = self.steps[row.value]
+        room = min(
+            (other - step for other in self.steps.values() if other > step),
+            default=len(rates),
+        )
+        return min(room, 2 + math.ceil(1.2 * OUTLIERS * len(rates)))
+
     def charts(self) -> tuple[str, dict[str, list[str | list[str]]]]:
         """Lay out curves, curves with intervals, and limits where a point has no errors, with their heading.
 
@@ -243,7 +261,8 @@ class BoardPart:
                 for end, rate in rates.items()
             }
             for quantity, value in {"BER": row.ber, **shown}.items():
-                yield self.tag(quantity), value, self.steps[row.value]
+                for beside in range(self.repeats(row) if quantity in SHOWN else 1):
+                    yield self.tag(quantity), value, self.steps[row.value] + beside
 
 
 SHOWN = ("log10_BER", "log10_BER_lo", "log10_BER_hi")
