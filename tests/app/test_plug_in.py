@@ -4,11 +4,14 @@ import pickle
 import sys
 from pathlib import Path
 
+import pytest
 import torch
 from composing import study_of
 from run_files import rows_of
 
+from vocc_torch.errors import VoccError
 from vocc_torch.measure.train import train
+from vocc_torch.plugins import PlugIn
 from vocc_torch.report import led_plots, plots
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,6 +37,12 @@ def own(path, target):
         f"classifiers.own.file={path}",
         f"classifiers.own.build._target_={target}",
     )
+
+
+def test_an_unknown_argument_is_refused_with_those_that_the_class_takes():
+    part = PlugIn("classifiers.own.build", "own", "sklearn.svm.SVC", {"depth": 3})
+    with pytest.raises(VoccError, match=r"it takes no depth, but C, kernel, degree, "):
+        _ = part.made
 
 
 def test_workers_know_a_class_from_a_file(monkeypatch):
