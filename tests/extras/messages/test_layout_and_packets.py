@@ -120,7 +120,7 @@ def test_packets_that_claim_gigabytes_hide_no_complete_message_and_fill_no_memor
     assert tracemalloc.get_traced_memory()[1] < 1e6
     tracemalloc.stop()
     assert sum(path.stat().st_size for path in (tmp_path / "alone").iterdir()) < 1000
-    assert "more than the 16 that the recording has time for" in lost(alone, 16)
+    assert "more than the 16 that the recording has time for" in lost(alone, 16, None)
 
 
 def test_messages_of_two_transmitters_are_written_both(tmp_path):
@@ -143,6 +143,11 @@ def test_the_first_payload_of_a_packet_stays_and_a_contradiction_is_reported(tmp
     assert list(doubts(assembly)) == [
         "1 packets contradict the first packet of the same message and number: they are ignored"
     ]
+
+
+def test_leds_that_are_too_near_each_other_are_the_reason_that_no_packet_arrived():
+    assert "LEDs are 1.7 px apart, and 2 px are needed" in lost(Assembly(20), 4, 1.7)
+    assert "report.csv says why" in lost(Assembly(20), 4, 2.1)
 
 
 def coded(code):

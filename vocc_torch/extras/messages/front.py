@@ -11,6 +11,7 @@ from torch import Tensor
 from vocc_torch.arrays import Bytes, Singles
 from vocc_torch.receiver.calibration import APPEARANCE
 from vocc_torch.receiver.receiver import Decoded, Receiver
+from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.types import Frames, Panels
 
@@ -76,6 +77,14 @@ class Front:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
         with torch.inference_mode():
             return self.values(*self.read(*self.locate(greys)), self.soft)
+
+    @property
+    def led_pitch_px(self) -> float | None:
+        """Pitch of the LEDs in the last located panel, along the shorter side of a cell."""
+        if self.corners_px is None:
+            return None
+        sizes = cell_size_px(self.corners_px[None], self.receiver.shape)
+        return float(torch.cat(sizes).amin())
 
     def read(self, frames: Frames, corners: Tensor) -> tuple[Decoded, Tensor]:
         """Read frames at corners (B,4,2), and say which of them show a panel, (B,)."""

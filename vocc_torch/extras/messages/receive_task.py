@@ -39,6 +39,10 @@ BATCH_PIXELS = 64_000_000
 MOST_NAMED = 12
 """Incomplete messages that are written."""
 
+NEAREST_LEDS_PX = 2.0
+"""LEDs nearer to each other than this share their pixels: the camera's sampling limit."""
+
+
 MISSING_COLUMNS = (
     "message",
     "first_sequence",
@@ -149,7 +153,9 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     for doubt in doubts(assembly):
         warnings.warn(f"input {source}: {doubt}", stacklevel=2)
     if not any(message.complete for message in assembly.messages):
-        failures.insert(0, f"input {source}: {lost(assembly, sent)}")
+        failures.insert(
+            0, f"input {source}: {lost(assembly, sent, front.led_pitch_px)}"
+        )
     if failures:
         raise VoccError("; ".join(failures))
 
@@ -193,21 +199,28 @@ def doubts(assembly: Assembly) -> Iterator[str]:
         yield f"{others} packets of {count} other, incomplete messages are not written"
 
 
-def lost(assembly: Assembly, sent: int) -> str:
+def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
     """Say in words why there is no message, and which packets are missing.
 
     Args:
             assembly: the packets.
             sent: packets that the recording has time for.
+            led_pitch_px: between neighbouring LEDs, px, or None where no panel was found.
 
     Example:
         >>> from vocc_torch.extras.messages.packets import Message
         >>> some = Assembly(2)
         >>> some.by_message[14, 0] = Message(14, 0, 2, {0: b"12", 3: b"12", 4: b"12"})
-        >>> lost(some, 7)
+        >>> lost(some, 7, None)
         'of 7 packets of the message 4 are missing: missing.csv names them, message.partial has the others'
     """
     if not assembly.messages:
+        if led_pitch_px is not None and led_pitch_px < NEAREST_LEDS_PX:
+            return (
+                f"none of {sent} packets arrived: "
+                f"LEDs are {led_pitch_px:.1f} px apart, and {NEAREST_LEDS_PX:g} px are needed; "
+                "come nearer or take a longer lens"
+            )
         return f"none of {sent} packets arrived, so there is no message; report.csv says why"
     message = assembly.messages[0]
     if not message.gaps:
