@@ -28,6 +28,17 @@ MOST_SIGNATURE = 88
 
 FOLDER = Path(__file__).resolve().parent / "reference"
 NOTE = "<!-- Written by docs/make_reference.py: edit the code, not this page. -->"
+WHOLE = (
+    "scene.effects",
+    "experiment.scene",
+    "effects.parts",
+    "effects.severity",
+    "figures.experiments",
+    "comparison.experiments",
+    "comparison.points",
+    "comparison.scenes",
+)
+"""Keys of mappings with free names, which are listed as one key."""
 COLUMN_TEXTS = Path(__file__).with_name("columns.yaml")
 SECTION = re.compile(r"^(Args|Returns|Raises|Yields|Example|Note):$", re.MULTILINE)
 
@@ -160,14 +171,10 @@ def api_page() -> str:
 def leaves(
     node: Mapping[str, object], prefix: str = ""
 ) -> Iterable[tuple[str, object]]:
-    """List dotted keys with their values; what has free names stays whole."""
+    """List dotted keys with their values."""
     for name, value in node.items():
         key = f"{prefix}{name}"
-        if (
-            isinstance(value, dict)
-            and value
-            and key not in ("scene.effects", "effects.parts", "effects.severity")
-        ):
+        if isinstance(value, dict) and value and key not in WHOLE:
             yield from leaves(value, f"{key}.")
         else:
             yield key, value
@@ -195,7 +202,8 @@ def keys_page() -> str:
         if rows
     ]
     head = (
-        "# Keys of the command line\n\nWrite `key=value`. Defaults are those of the first task that has the key. "
+        "# Keys of the command line\n\nWrite `key=value`. "
+        "A default is that of `task=train` or `task=test`, or else of a task that uses the key. "
         "`vocc-torch --help` prints the values of one command. Groups such as `scene=night` "
         "set several keys at once; their files are in `conf/`."
     )
@@ -279,8 +287,10 @@ def effects_page() -> str:
 
 def default_of(part: Field[object]) -> str:
     """Write a parameter's default."""
-    if part.default in (MISSING, None):
+    if part.default is MISSING:
         return ""
+    if part.default is None:
+        return "=null"
     if isinstance(part.default, Distribution):
         return f"=[{', '.join(map(str, (part.default.kind, *part.default.values)))}]"
     return f"={part.default}"

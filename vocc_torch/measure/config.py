@@ -426,7 +426,8 @@ class Settings(ReceiverParts, WorldSettings, RunSettings):
         tensorboard: write a TensorBoard log.
         input: task=decode, receive: a picture, a folder, a film, an array or a live source; task=transmit:
             a file; task=record: the folder of task=transmit; task=collect: the folder of a sweep.
-        model: a receiver.pt for task=decode and task=receive; auto takes the receiver that ships, null trains one.
+        model: a receiver.pt for task=decode and task=receive. auto takes the receiver that ships, or trains one if
+            a key of the training is given, such as scene or classifier; null trains one.
         plug_ins: Python files and packages whose code a model may run, such as [mine.py].
         experiment: what is measured.
         budget: numbers of frames and trainings.

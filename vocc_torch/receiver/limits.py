@@ -14,8 +14,8 @@ class LocatorLimits:
     """The limits of the paper's locator, which are the keys of ``receiver.location``.
 
     Args:
-        closing_px: side of the closing square, px, odd, 1 to 65535; at full resolution 1.5 times the
-            largest LED pitch.
+        closing_px: side of the closing square, px, odd, 1 to 65535. Choose 1.5 times the LED pitch; panels
+            with a larger pitch are closed at half, quarter, ... resolution.
         min_area_px: smallest area of a closed blob, px^2, at least 1.
         min_rectangularity: smallest share of its rectangle that a blob fills, 0 to 1.
         min_compactness: smallest compactness of a blob, 0 to 1. Discs have 0.785 to 0.805, square panels of

@@ -25,6 +25,7 @@ def test_a_warning_marks_wrong_readings():
                 is_doubtful(read)[read.found],
                 is_one_level(read)[read.found],
             )
+            counts["found"] += int(read.found.sum())
             for name, marked in (
                 ("doubtful", doubtful),
                 ("alike", alike),
@@ -33,6 +34,7 @@ def test_a_warning_marks_wrong_readings():
                 counts[name] += int(marked.sum())
                 counts[f"{name}, wrong"] += int((marked & wrong).sum())
             counts["wrong"] += int(wrong.sum())
+    print(dict(counts))
     assert counts["wrong"] > 20
     for name in ("doubtful", "alike", "either"):
         assert 2 * counts[f"{name}, wrong"] >= counts[name] > 0

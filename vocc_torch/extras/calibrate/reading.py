@@ -157,8 +157,8 @@ def read_footage(
     rows = rows[agreeing(corners[rows])]
     if len(rows) == 1 and len(chosen) > 1:
         raise VoccError(
-            f"input {source}: the panel's place jumps by panels between all frames: "
-            "record slower, shorten the exposure, or give another receiver.locator"
+            f"input {source}: the panel moves by more than 3 times its size between all frames: "
+            "move slower, record more frames per second, or give another receiver.locator"
         )
     # A folder's pictures are numbered from 0 each; steps count the frames read.
     numbers = np.arange(len(chosen)) * step

@@ -134,7 +134,7 @@ class MessagesConfig:
         at_ratio: frames per symbol while another quantity varies.
         codes: codes to compare: none, or rs or ldpc with a rate, such as ldpc-0.5.
         recordings: recordings per point, each of another scene, at least 2.
-        blocks: blocks per recording, 1 to 1000.
+        blocks: symbol blocks per recording, 1 to 1000.
         signalling: how symbols are written, without the code.
         record: the camera, without its frame rate.
 

@@ -31,11 +31,11 @@ class Signalling:
         symbol_rate_hz: symbols per second, above 0 to 1e6.
         code: ``rs`` (Reed-Solomon), ``ldpc`` (5G LDPC on soft values) or ``none``.
         code_rate: information bits over all bits of a packet, above 0 and below 1; unused with ``none``.
-        block_symbols: symbols per block: 32, 64, 128 or 256. Packets are interleaved within a block.
+        block_symbols: length of a symbol block: 32, 64, 128 or 256 symbols. Packets are spread within it.
         bands: bands of rows, each with a clock cell, 1 to the panel's rows.
-        sync_cells: known cells that mark a symbol's place in its block, at least 1.
+        sync_cells: known cells that mark a symbol's place in its symbol block, at least 1.
         anchors: keep the four corner LEDs On, for location.
-        interleave: spread each packet over its block and over the panel.
+        interleave: spread each packet over its symbol block and over the panel.
         scramble: scramble packets, so that any text has random transitions.
 
     Raises:

@@ -384,7 +384,3 @@ def plane_onto(
         return onto
 
     return place
-
-
-EFFECTS = (Scenery, Clutter)
-"""In physical order."""

@@ -10,8 +10,8 @@ DOUBTFUL_SCORE = 0.6
 DOUBTFUL_MARGIN = 0.15
 """Smallest margin of an LED, as a share of the mean margin."""
 DOUBTFUL_PARTED = 5.0
-"""By :func:`parted`: with both limits about two of three readings that are marked have wrong bits
-(``tests/studies/decode/test_judge.py``)."""
+"""By :func:`parted`: with both limits 33 of the 46 panels that are marked have wrong bits
+(``pytest -m slow -rP tests/studies/decode/test_judge.py``)."""
 LEAST_PARTED = 6.0
 """By :func:`parted`: of 896 panels that were all On or all Off 889 are below."""
 
