@@ -64,7 +64,7 @@ class Row(PointKey):
             %).
         location_share: share of the wrong bits in frames whose panel was missed or has a corner more than a
             quarter of a cell off; empty at true corners, without errors, and for ``rare``. If most frames
-            are so far off, as with ``paper``, it is near 1 whatever the cause.
+            are so far off, as often with ``paper``, it is near 1 whatever the cause.
 
     Raises:
         VoccError: a value that no axis holds, or rates out of order.
