@@ -178,7 +178,8 @@ class Simulated(NamedTuple):
     """One batch of B simulated frames with their truth.
 
     Args:
-        frames: uint8 crops around the panel, or whole frames if an effect fills the sensor.
+        frames: crops around the panel, or whole frames if an effect fills the sensor; uint8 if the scene has
+            the effect ``quantization``.
         bits: (B,R,C) bool, the bits sent.
         corners_px: (B,4,2) float64 true corners on the sensor, clockwise from the top left.
         scene: the scene values of each frame.

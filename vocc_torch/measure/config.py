@@ -298,8 +298,8 @@ class ReceiverSettings:
         names: receivers in the order of the results.
         locator: what finds the panel: ``paper``, ``refined``, ``detector``, a name in ``locators``, or
             FILE.py:NAME. ``truth`` takes the true corners.
-        features: features of the receiver ``flda`` and of classifiers without ``inputs``; your own are
-            named in ``features`` or as FILE.py:NAME.
+        features: features of classifiers without ``inputs``. Another list than the default adds the receiver
+            ``flda``, Fisher's discriminant on it. Your own are named in ``features`` or as FILE.py:NAME.
         samples_per_led: samples along the side of an LED cell, 2 to 64.
         gradient: ``sobel`` (Kornia's) or ``central`` (Eq. 6).
         cells: ``resampled``: bilinear samples; ``pixels``: whole pixels of the box around the discs of the
@@ -426,8 +426,9 @@ class Settings(ReceiverParts, WorldSettings, RunSettings):
         tensorboard: write a TensorBoard log.
         input: task=decode, receive: a picture, a folder, a film, an array or a live source; task=transmit:
             a file; task=record: the folder of task=transmit; task=collect: the folder of a sweep.
-        model: a receiver.pt for task=decode and task=receive. auto takes the receiver that ships, or trains one if
-            a key of the training is given, such as scene or classifier; null trains one.
+        model: a receiver.pt for task=decode, receive and export_receiver. auto takes the receiver that ships, or
+            trains one if a key of the training is given, such as scene or classifier. null trains one; it is the
+            default of task=receive and export_receiver.
         plug_ins: Python files and packages whose code a model may run, such as [mine.py].
         experiment: what is measured.
         budget: numbers of frames and trainings.

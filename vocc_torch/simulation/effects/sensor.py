@@ -320,7 +320,7 @@ class DarkCurrent(Effect, on=Quantity.ELECTRONS):
 
 
 class HotPixels(SensorPattern):
-    """Hot pixels: each pixel has ``mu_I t`` more electrons with the same probability.
+    """Hot pixels: with the probability ``share`` a pixel has ``electrons_per_s t`` more electrons.
 
     Which pixels are hot belongs to the sensor: it follows from the run's seed and the pixel's place alone. A
     pixel that is hot at one share is hot at every larger one. Shot noise, which follows, covers their charge.

@@ -62,7 +62,8 @@ def decode(
         device: ``auto``, ``cpu`` or ``cuda``.
 
     Returns:
-        One reading per panel: ``bits`` (R,C), ``text``, ``corners_px``, ``found``, ``margin`` and ``frame``.
+        One reading per panel: ``bits`` (R,C), ``text``, ``corners_px``, ``found``, ``margin`` and ``frame``. A frame
+        without a panel gives one reading, whose ``found`` is False.
 
     Raises:
         VoccError: a source, model or option that cannot be used.
