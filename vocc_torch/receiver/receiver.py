@@ -41,7 +41,8 @@ class Decoded(NamedTuple):
         candidates: (B,) int64, number of places that could be the panel.
         llr: (B,R,C) float64 log-likelihood ratios, log P(On) / P(Off), with the signs of the bits; the
             scores if the receiver is not calibrated; zeros where no panel was found.
-        appearance: (B,3) float64 pitch (px), level and contrast; see :mod:`vocc_torch.receiver.calibration`.
+        appearance: (B,3) float64: pitch of the cells (px), mean grey of the panel, and grey of its brightest cell
+            minus that of its darkest.
         false_alarms: (B,) float64, expected false alarms in a frame without a panel at this score; NaN if
             unknown.
     """
