@@ -48,7 +48,7 @@ class Row(PointKey):
         ber_high: upper end of the 95 % interval; without errors a one-sided 95 % limit.
         frame_errors: frames with a wrong bit.
         panels_missed: frames whose panel was not found.
-        stopped_by: why counting stopped.
+        stopped_by: why counting stopped: ``frames`` (the whole budget), ``frame_errors`` or ``precision``.
         trainings: number of trainings. All columns before this one are of the first training, which is
             saved.
         ber_mean: mean BER of all trainings; empty after a single training, as all ``ber_*`` and

@@ -84,8 +84,8 @@ class ReceiveConfig:
         follow: follow the panel from frame to frame: ``auto`` if it moves, ``true`` always, ``false``
             never.
         channel: how colour becomes grey: ``luma``, ``max``, ``red``, ``green`` or ``blue``.
-        soft: soft values: ``scores`` of the receiver, ``calibrated`` log-likelihood ratios, or ``hard``
-            bits.
+        soft: soft values: ``scores`` (of the receiver), ``calibrated`` (log-likelihood ratios) or ``hard``
+            (bits).
 
     Raises:
         VoccError: a value out of its range.
