@@ -157,8 +157,9 @@ def read_footage(
     rows = rows[agreeing(corners[rows])]
     if len(rows) == 1 and len(chosen) > 1:
         raise VoccError(
-            f"input {source}: the panel moves by more than 3 times its size between all frames: "
-            "move slower, record more frames per second, or give another receiver.locator"
+            f"input {source}: at least two frames must show the panel at nearly one place and of one size: "
+            f"less than {SETTINGS.most_panels:g} panel sizes apart, and within a factor of {SETTINGS.alike_size:g}; "
+            "keep camera and panel still, or give a larger calibrate.frames or another receiver.locator"
         )
     # A folder's pictures are numbered from 0 each; steps count the frames read.
     numbers = np.arange(len(chosen)) * step

@@ -24,7 +24,8 @@ class DecodeConfig:
         most: most panels per frame, 1 to 64. More than 1 needs a locator that finds several, such as the
             detector.
         follow: follow the panel from frame to frame and search the whole frame only now and then: ``true``
-            always, ``auto`` in films, ``false`` never. Null follows in live sources only.
+            always, also in a folder of pictures, ``auto`` in films and live sources, ``false`` never. Null
+            follows in live sources only.
         turn: turn each frame clockwise before reading, 0, 90, 180 or 270 degrees.
         mirror: exchange left and right after turning.
         newest: read the newest frame of a live source and drop those that wait for the receiver. Null does
