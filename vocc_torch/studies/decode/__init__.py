@@ -23,9 +23,9 @@ class DecodeConfig:
         scale: enlarge annotated pictures by a whole number, 1 to 16.
         most: most panels per frame, 1 to 64. More than 1 needs a locator that finds several, such as the
             detector.
-        follow: follow the panel from frame to frame and search the whole frame only now and then: ``true``
-            always, also in a folder of pictures, ``auto`` in films and live sources, ``false`` never. Null
-            follows in live sources only.
+        follow: follow the panel from frame to frame and search the whole frame only now and then. ``true``
+            does so in every source, even a folder of pictures; ``auto`` in films and live sources; ``false``
+            never; null in live sources only.
         turn: turn each frame clockwise before reading, 0, 90, 180 or 270 degrees.
         mirror: exchange left and right after turning.
         newest: read the newest frame of a live source and drop those that wait for the receiver. Null does
