@@ -248,14 +248,15 @@ def columns_page() -> str:
 
 def effects_page() -> str:
     """List every effect in physical order."""
-    rows = []
+    rows, parameters = [], []
     for kind in PHYSICAL_ORDER:
         said = sections(kind.__doc__ or "")
-        parameters = ", ".join(
-            f"`{part.name}{default_of(part)}`"
+        meanings = dict(entries(said.get("Args", "")))
+        parameters += [
+            (f"`{kind.name}`", f"`{part.name}{default_of(part)}`", meanings[part.name])
             for part in fields(kind)
             if not part.name.startswith("_")
-        )
+        ]
         whole = "yes" if kind.fills_sensor else ""
         draws = "yes" if kind.sampled else ""
         rows.append(
@@ -265,14 +266,12 @@ def effects_page() -> str:
                 kind.takes.value,
                 whole,
                 draws,
-                parameters,
             )
         )
     head = (
         "# Effects\n\nIn physical order. *Whole sensor*: pixels far from the panel change, "
         "so locators need whole frames. "
-        "*Random*: draws from its own random stream. Parameters without a default must be given. "
-        "[How to use them](../scenes.md)."
+        "*Random*: draws from its own random stream. [How to use them](../scenes.md)."
     )
     columns = [
         "effect",
@@ -280,9 +279,10 @@ def effects_page() -> str:
         "acts on",
         "whole sensor",
         "random",
-        "parameters",
     ]
-    return "\n\n".join([NOTE, head, table(columns, rows)])
+    listed = table(["effect", "parameter and default", "meaning"], parameters)
+    section = "## Parameters\n\nParameters without a default must be given."
+    return "\n\n".join([NOTE, head, table(columns, rows), section, listed])
 
 
 def default_of(part: Field[object]) -> str:

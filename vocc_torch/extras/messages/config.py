@@ -78,8 +78,8 @@ class ReceiveConfig:
 
     Args:
         plan: the plan.yaml of task=transmit; null takes the one beside the input.
-        fps: frames per second; null takes the film's time stamps. Without time stamps the camera must be
-            faster than the panel.
+        fps: frames per second; null takes the film's time stamps. Without time stamps each frame is
+            expected at most one symbol after the previous one.
         locate_every: locate the panel in every n-th frame, 1 to 10000.
         follow: follow the panel from frame to frame: ``auto`` if it moves, ``true`` always, ``false``
             never.

@@ -40,8 +40,8 @@ class Photographs(FrameEffect, on=Quantity.BACKGROUND):
     Source: the inverse of Eq. 1; light that was clipped at white stays clipped.
 
     Args:
-        folder: of pictures, those that Pillow reads; or one inside an installed package, as PACKAGE/FOLDER:
-            ``matplotlib/mpl-data/sample_data`` comes along, ``sklearn/datasets/images`` has two photographs
+        folder: of pictures that Pillow reads; or a folder of an installed package, as PACKAGE/FOLDER:
+            ``matplotlib/mpl-data/sample_data`` is always installed, ``sklearn/datasets/images`` has two photographs
             under CC BY 2.0, ``skimage/data`` those that its README names with their licences.
         gamma: of the pictures, 0.1 to 10.
         level: luminance over that of the plain background, a number or a distribution, above 0 to 100.

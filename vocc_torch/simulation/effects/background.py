@@ -76,7 +76,7 @@ class BackgroundTexture(FrameEffect, on=Quantity.BACKGROUND):
 
     Args:
         contrast: root-mean-square contrast, standard deviation over mean, above 0 and at most 1; natural
-            scenes have 0.2 to 0.5. The logarithm's is exact; so a frame's own is within 5 % of it at 0.3.
+            scenes have 0.2 to 0.5. At 0.3 the contrast of a frame is within 5 % of this value.
         beta: exponent of the power spectrum, 0 to 4; natural images have about 2, 0 is white noise.
 
     Raises:
@@ -122,9 +122,9 @@ class Lamps(FrameEffect, on=Quantity.BACKGROUND):
 
     Args:
         count: lamps in a frame, a whole number from 1 to 1000.
-        luminance_cd_m2: of a lamp, cd/m2, above 0 and at most 1e12; tail and street lamps have 1e3 to 1e5,
+        luminance_cd_m2: luminance of a lamp, cd/m2, above 0 and at most 1e12; tail and street lamps have 1e3 to 1e5,
             headlamps seen in their beam 1e6 and more, the sun 1.6e9.
-        diameter_m: above 0 and at most 10.
+        diameter_m: of a lamp, m, above 0 and at most 10.
 
     Raises:
         VoccError: a value outside its range.
@@ -179,9 +179,9 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
     Source: our own panel's, the pinhole camera and Eqs 2, 3 and 20.
 
     Args:
-        offset_x_m: its centre, right of our panel's along our panel's rows, m, -100 to 100.
-        offset_y_m: its centre, below our panel's along our panel's columns, m, -100 to 100.
-        luminance_share: luminance of its On LEDs' own light over ours, above 0 and at most 10.
+        offset_x_m: from the panel's centre to that of the second panel, along the rows to the right, m, -100 to 100.
+        offset_y_m: the same along the columns downwards, m, -100 to 100.
+        luminance_share: luminance of the second panel's On LEDs over that of the panel's, above 0 and at most 10.
 
     Raises:
         VoccError: a value outside its range; when called, panels that overlap.

@@ -140,8 +140,9 @@ class Letterbox(FrameEffect, on=Quantity.BOUNDED_GREY):
     Source: pictures of another shape than the screen's, and the stamps of dashboard cameras.
 
     Args:
-        bar: of the picture's height, or of its width, a number or a distribution, 0 to 0.5.
-        share: of frames with bars, 0 to 1.
+        bar: share of the picture's height that bars above and below cover, or of its width for bars at
+            the sides, a number or a distribution, 0 to 0.5.
+        share: share of frames with bars, 0 to 1.
         lettering: share of frames with lettering, 0 to 1.
 
     Raises:

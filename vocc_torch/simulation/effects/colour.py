@@ -105,15 +105,16 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
     sensitivity functions for digital color cameras?", WACV 2013, in round numbers; daylight as a black body.
 
     Args:
-        peak_nm: of the LEDs' light, a number or a distribution, 400 to 700; 630 is red, 525 green, 470 blue.
+        peak_nm: peak wavelength of the LEDs' light, nm, a number or a distribution, 400 to 700; 630 is red,
+            525 green, 470 blue.
         width_nm: full width of their spectrum at half its maximum, nm, 5 to 200.
         white: share of frames whose (first) LEDs are white, 0 to 1.
         grey: what becomes the frames' grey, which receivers read: ``luma`` (Rec. 601), ``red``, ``green`` or
-            ``blue``. Files in colour hold all three; who reads them names a channel anew.
-        second_nm: of the light of a second LED at each place, a number or a distribution, 400 to 700.
-        third_nm: likewise, of a third.
+            ``blue``. Files in colour hold all three channels.
+        second_nm: peak wavelength of a second LED at each place, nm, a number or a distribution, 400 to 700.
+        third_nm: the same of a third LED.
         second_share: luminance of the second LEDs over that of the first, above 0 and at most 100.
-        third_share: likewise, of the third.
+        third_share: the same of the third LEDs.
 
     Raises:
         VoccError: a value outside its range, another word for ``grey``, or a share of no LEDs.

@@ -31,7 +31,7 @@ class PanelAbsent(Effect, on=Quantity.LED_LUMINANCE):
     Source: a Bernoulli draw for each frame.
 
     Args:
-        share: of the frames, above 0 and at most 1.
+        share: share of frames without a panel, above 0 and at most 1.
 
     Raises:
         VoccError: a share outside its range.
@@ -80,7 +80,7 @@ class LedLook(Effect, on=Quantity.LED_LUMINANCE):
     Args:
         fill: an LED's width over the pitch, a number or a distribution, 0.02 to 1.
         square: share of frames whose LEDs are square, 0 to 1.
-        reflectance: of Off LEDs, a number or a distribution, 0 to 1.
+        reflectance: reflectance of Off LEDs, a number or a distribution, 0 to 1.
         invisible: share of frames whose Off LEDs are not seen, 0 to 1.
 
     Raises:
@@ -131,9 +131,11 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
     Source: the exact overlap of an exposure with a periodic train of pulses.
 
     Args:
-        groups: a whole number, 2 to 64; matrices on sale have 4 to 32.
-        refresh_hz: periods a second, a number or a distribution, 1 to 1e6; panels on sale have 60 to 4000.
-        share: of the frames, above 0 and at most 1; the others' rows are lit all the time.
+        groups: number of groups of rows, of which one is lit at a time, a whole number, 2 to 64;
+            matrices on sale have 4 to 32.
+        refresh_hz: how often each group is lit, Hz, a number or a distribution, 1 to 1e6; panels on sale have
+            60 to 4000.
+        share: share of frames with multiplexing, above 0 and at most 1; in others all rows are lit together.
 
     Raises:
         VoccError: a value outside its range.
@@ -185,11 +187,11 @@ class Housing(street.Sketched):
     Source: matt surfaces as in Eqs 2 and 3; sizes and reflectances of panels on sale in broad strokes.
 
     Args:
-        board: its reflectance, a number or a distribution, 0 to 1.
-        boardless: share of frames without one, 0 to 1.
-        rim: width in LED cells, a number or a distribution, 0 to 10; 0 is none.
-        rim_reflectance: a number or a distribution, 0 to 1.
-        cables: how many, a number or a distribution, 0 to 20.
+        board: reflectance of the board, a number or a distribution, 0 to 1.
+        boardless: share of frames without a board, 0 to 1.
+        rim: width of the rim in LED cells, a number or a distribution, 0 to 10; 0 is none.
+        rim_reflectance: reflectance of the rim, a number or a distribution, 0 to 1.
+        cables: number of cables, a number or a distribution, 0 to 20.
 
     Raises:
         VoccError: a value outside its range.

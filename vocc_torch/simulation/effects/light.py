@@ -496,7 +496,7 @@ class VeilingGlare(Effect, on=Quantity.LUMINANCE):
     Source: CIE 146:2002, its disability glare equation without the term for age.
 
     Args:
-        luminance_cd_m2: the veil, cd/m2, above 0 and at most 1e12.
+        luminance_cd_m2: the veil, cd/m2, above 0 and at most 1e12; null computes it from the next two.
         glare_illuminance_lx: illuminance by the source on the plane of the lens, lx, above 0 and at most
             1e12; a low sun gives 10,000 to 80,000, an oncoming low beam 1 to 5.
         angle_deg: angle between the source and the line of sight, degrees, 1 to 30.

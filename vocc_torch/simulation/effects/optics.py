@@ -51,8 +51,8 @@ class MotionBlur(Effect, on=Quantity.EXPOSURE):
     Source: uniform linear motion, Gonzalez and Woods, Digital Image Processing, section 5.6.
 
     Args:
-        velocity_x_m_s: to the right, m/s, -200 to 200.
-        velocity_y_m_s: down, m/s, -200 to 200; at least one of the two is not 0.
+        velocity_x_m_s: velocity of the panel to the right, m/s, -200 to 200.
+        velocity_y_m_s: velocity downwards, m/s, -200 to 200; at least one of the two is not 0.
 
     Raises:
         VoccError: a velocity outside its range, or none; when called, a streak over 257 pixels long.

@@ -80,7 +80,7 @@ class Scenery(FrameEffect, on=Quantity.BACKGROUND):
     and walls (0.1 to 0.3), and a sky that lights a level plane.
 
     Args:
-        contrast: of the skyline's texture, standard deviation of the logarithm, 0 to 1; sky and ground have
+        contrast: standard deviation of the logarithm of the skyline's texture, 0 to 1; sky and ground have
             less.
 
     Raises:
@@ -250,7 +250,7 @@ class Clutter(Sketched):
     of everyday things in broad strokes.
 
     Args:
-        things: how many a frame, a number or a distribution, 0 to 200.
+        things: number of things in a frame, a number or a distribution, 0 to 200.
         lit: share of vehicles, windows and lamps that are lit, 0 to 1.
         carried: share of frames whose panel is on a vehicle, 0 to 1.
         wet: share of frames whose ground mirrors what stands on it, 0 to 1.

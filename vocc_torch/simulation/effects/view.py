@@ -64,9 +64,9 @@ class Pose(Effect, on=Quantity.PLACEMENT):
     Source: Hartley and Zisserman, Multiple View Geometry (2004), section 6.1 (the camera's rotation).
 
     Args:
-        yaw_deg: a number or a distribution, degrees, -80 to 80.
-        pitch_deg: likewise, -80 to 80.
-        roll_deg: likewise, -180 to 180; at least one of the three is not always 0.
+        yaw_deg: turn about the vertical axis, degrees, a number or a distribution, -80 to 80.
+        pitch_deg: turn about the horizontal axis, in the same form, -80 to 80.
+        roll_deg: turn about the optical axis, in the same form, -180 to 180; at least one of the three is not always 0.
 
     Raises:
         VoccError: an angle outside its range, or none; when called, a distribution without keys.
@@ -188,9 +188,9 @@ class LensDistortion(PointEffect):
     Source: Brown, Close-range camera calibration (1971); OpenCV's camera calibration documentation.
 
     Args:
-        k1: -100 to 100; 0 or at least 1e-15 either way.
-        k2: likewise.
-        k3: likewise; at least one of the three is not 0.
+        k1: coefficient of r^2, -100 to 100; 0 or a magnitude of at least 1e-15.
+        k2: coefficient of r^4, with the same range.
+        k3: coefficient of r^6, with the same range; at least one of the three is not 0.
 
     Raises:
         VoccError: a coefficient outside its range, or none; when called, coefficients under which the image

@@ -75,8 +75,8 @@ class EffectsConfig:
 
     Args:
         names: effects to measure; [] measures all.
-        located_frames: frames with the locator ``paper`` if an effect fills the sensor; 0 leaves the
-            locator out.
+        located_frames: frames with the locator ``paper`` for an effect that fills the sensor; other effects
+            have budget.frames. 0 leaves the locator out.
         severity_frames: frames per severity, at true corners; 0 leaves severities out.
         repeats: timed rounds, at least 1.
         parts: what is added for each effect: the effect and those that it needs.

@@ -46,8 +46,8 @@ def decode(
     Args:
         source: a path of a picture, a folder of pictures, a film or a NumPy file; a live source
             (``camera:0``, ``rtsp://...``, ``-``); a Pillow picture; or an array or tensor (H,W), (H,W,3),
-            (B,H,W) or (B,H,W,3) of integers or of floats from 0 to 1.
-        model: a receiver, its file, or the name of one that ships.
+            (B,H,W) or (B,H,W,3) of integers or floats, with the white levels of a NumPy file.
+        model: a receiver, its file, or ``street``, the receiver that ships.
         rows: rows of the panel; None takes those of the receiver, ``auto`` tries usual shapes and warns if
             the choice is uncertain.
         columns: columns of the panel, given as ``rows``.
