@@ -9,8 +9,8 @@ eight of each in turn, under keys that nothing else uses. A frame is drawn once,
 shape. Greatest scores are appended to a file in docs/results/false_alarms that is named by the digest of the
 weights: an interrupted run goes on, and several processes may do ranges. At the end the package's table is written
 from all scores of these weights, and docs/results/false_alarms.csv says how good it is: 95 % bounds about one false
-alarm in 1000 frames, by the tail and by counting, the shape of a generalized Pareto tail (0 is exponential; below,
-the table says too many), and Anderson and Darling's statistic (1.32 and more has a chance of 5 %).
+alarm in 1000 frames, by the tail and by counting, and the shape of a generalized Pareto tail (0 is exponential;
+below, the table says too many).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from scipy.stats import anderson, genpareto
+from scipy.stats import genpareto
 
 import vocc_torch as vt
 from vocc_torch import PanelShape
@@ -57,7 +57,7 @@ LEAST_ABOVE = 20
 """Frames above a floor, at least, but for the first."""
 HEAD = (
     "locator,rows,columns,frames,score,greatest,tail_frames,low,high,above,"
-    "above_low,above_high,pareto_shape,shape_low,shape_high,anderson_darling"
+    "above_low,above_high,pareto_shape,shape_low,shape_high"
 )
 
 
@@ -163,9 +163,8 @@ def quality(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     bent = genpareto.fit(excess, floc=0)[0]
     # Of tails that end so abruptly likelihood has no such bounds.
     spread = 1.96 * (1 + bent) / math.sqrt(len(excess)) if bent > -0.5 else math.nan
-    darling = anderson(excess, "expon").statistic * (1 + 0.6 / len(excess))
     numbers = [at, found.max(), row.above[-1], *interval(row, at), above]
-    numbers += [counted.low, counted.high, bent, bent - spread, bent + spread, darling]
+    numbers += [counted.low, counted.high, bent, bent - spread, bent + spread]
     return [*map(str, astuple(row)[:4]), *(f"{number:.4g}" for number in numbers)]
 
 

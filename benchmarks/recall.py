@@ -1,6 +1,6 @@
 """Recall of the detector on held-out streets, by pitch and light, with loss by stage.
 
-    python benchmarks/recall.py --frames 100
+    python benchmarks/recall.py --frames 100 --false-alarms 0.001
     python benchmarks/recall.py --scenes fog tunnel --shape 8x8 --locator refined --frames 24
 
 A panel is located where each corner is within a quarter of the pitch. It is readable where it is whole in the frame
@@ -72,11 +72,14 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=100, help="a scene")
     parser.add_argument("--shape", default="8x8")
     parser.add_argument("--locator", default="detector", choices=LOCATORS)
+    parser.add_argument("--false-alarms", type=float, help="of a frame; detector")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     shape = PanelShape(*map(int, arguments.shape.split("x")))
     sides = [f"panel.rows={shape.rows}", f"panel.columns={shape.columns}"]
     locator = locator_named(arguments.locator, PaperLocator())
+    if arguments.false_alarms:
+        locator = locator.at_rate(arguments.false_alarms)
     paper = vt.load_scene("paper", *sides)
     reader = vt.train(paper, classifier="tag_planes", frames=64)
     for scene in arguments.scenes:

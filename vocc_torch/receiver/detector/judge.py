@@ -77,7 +77,7 @@ class Judge(nn.Module):
         self.heat = nn.Conv2d(fine, 4, 1)
         self.coarse_heat = nn.Conv2d(coarse, 4 * SETTINGS.heat_px**2, 1)
         self.score = nn.Sequential(
-            nn.Linear(2 * coarse, fine), nn.ReLU(), nn.Linear(fine, 1)
+            nn.Linear(2 * coarse, fine), nn.ReLU(inplace=True), nn.Linear(fine, 1)
         )
 
     def forward(self, pictures: Tensor, waves: Tensor) -> tuple[Tensor, Tensor]:
@@ -90,13 +90,13 @@ class Judge(nn.Module):
         light = standardised(pictures, SETTINGS.grain, SETTINGS.most)
         blocks = functional.pixel_unshuffle(light[:, None], SETTINGS.heat_px)
         lattice = self.lattice(functional.pixel_unshuffle(waves, SETTINGS.heat_px))
-        fine = (self.first(blocks) + lattice).relu()
-        coarse = self.mid[0](self.down(fine).relu()).relu()
-        coarse = coarse + self.mid[1](coarse).relu()
-        deep = self.deep2(self.deep(coarse).relu()).relu()
+        fine = (self.first(blocks) + lattice).relu_()
+        coarse = self.mid[0](self.down(fine).relu_()).relu_()
+        coarse = coarse + self.mid[1](coarse).relu_()
+        deep = self.deep2(self.deep(coarse).relu_()).relu_()
         logit = self.score(torch.cat([deep.mean((2, 3)), deep.amax((2, 3))], 1))[:, 0]
         coarse = coarse + functional.interpolate(deep, scale_factor=2.0)
-        coarse = self.coarse_heat(self.mid[2](coarse).relu())
+        coarse = self.coarse_heat(self.mid[2](coarse).relu_())
         # As a product of matrices it takes a third of the time.
         heat = self.heat.weight.flatten(1) @ fine.flatten(2)
         maps = functional.pixel_shuffle(coarse, SETTINGS.heat_px)

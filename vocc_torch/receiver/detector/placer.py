@@ -67,18 +67,18 @@ class Placer(nn.Module):
         self.around = nn.Linear(2 * wide, wide)
         self.off = nn.Conv2d(wide, 3, 1)
         self.score = nn.Sequential(
-            nn.Linear(2 * wide, wide), nn.ReLU(), nn.Linear(wide, 1)
+            nn.Linear(2 * wide, wide), nn.ReLU(inplace=True), nn.Linear(wide, 1)
         )
 
     def forward(self, patches: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
         """Score patches (n,(R+2M)K,(C+2M)K) of candidates, (n,) logits, and move corners (n,4,2), cells."""
         light = standardised(patches, SETTINGS.grain, SETTINGS.most)
         cells = functional.pixel_unshuffle(light[:, None], SETTINGS.samples)
-        state = self.first(cells).relu()
+        state = self.first(cells).relu_()
         for number, layer in enumerate(self.layers):
             if number == len(self.layers) // 2:
                 state = state + self.around(_pooled(state))[..., None, None]
-            state = state + layer(state).relu()
+            state = state + layer(state).relu_()
         logit = self.score(_pooled(state))[:, 0]
         off = self.off(state).flatten(2)
         return logit, corner_moves(off[:, :2].mT, off[:, 2], shape)

@@ -62,13 +62,15 @@ class Pyramid:
             levels.append(halved(levels[-1]))
         high, wide = levels[0].shape
         beside = levels[1].shape[1] if len(levels) > 1 else 0
-        atlas = grey.new_zeros(high, wide + beside, dtype=torch.float32)
+        atlas = grey.new_empty(high, wide + beside, dtype=torch.float32)
         atlas[:, :wide] = levels[0]
         top = 0
         for level in levels[1:]:
-            below = top + level.shape[0]
-            atlas[top:below, wide : wide + level.shape[1]] = level
+            below, right = top + level.shape[0], wide + level.shape[1]
+            atlas[top:below, wide:right] = level
+            atlas[top:below, right:] = 0
             top = below
+        atlas[top:, wide:] = 0
         return cls(tuple(levels), atlas)
 
     def read_cells(
@@ -185,11 +187,12 @@ def halved(levels: Tensor) -> Tensor:
         even = functional.pad(even, (0, -wide % 4))
     fours = even.flatten().view(torch.int32).view(*even.shape[:-1], -(-wide // 4))
     upper, lower = fours[..., ::2, :], fours[..., 1::2, :]
-    total = (upper & _ODD) + (lower & _ODD)
-    total += upper >> 8 & _ODD
-    total += lower >> 8 & _ODD
+    total = (upper & _ODD).add_(lower & _ODD)
+    total += (upper >> 8).bitwise_and_(_ODD)
+    total += (lower >> 8).bitwise_and_(_ODD)
     total += _HALVES
-    total = total >> 2 & _ODD
+    total >>= 2
+    # A byte is all that is left of each sum of 16 bits.
     return total.view(torch.int16).byte()[..., : wide // 2].contiguous()
 
 

@@ -58,23 +58,23 @@ class Scout(nn.Module):
         self.block = nn.Conv2d(1, 12, 4, 4)
         self.fine = nn.Sequential(
             convolution(12, 16, 2),
-            nn.ReLU(),
+            nn.ReLU(inplace=True),
             convolution(16, 16),
-            nn.ReLU(),
+            nn.ReLU(inplace=True),
             convolution(16, 16),
-            nn.ReLU(),
+            nn.ReLU(inplace=True),
         )
         self.coarse = nn.Sequential(
             convolution(16, 24, 2),
-            nn.ReLU(),
+            nn.ReLU(inplace=True),
             convolution(24, 24),
-            nn.ReLU(),
+            nn.ReLU(inplace=True),
             convolution(24, 24),
-            nn.ReLU(),
+            nn.ReLU(inplace=True),
             nn.Conv2d(24, 16, 1),
         )
         last = nn.Conv2d(16, OUTPUTS, 1)
-        self.head = nn.Sequential(convolution(16, 16), nn.ReLU(), last)
+        self.head = nn.Sequential(convolution(16, 16), nn.ReLU(inplace=True), last)
         last.bias = nn.Parameter(
             torch.tensor([SETTINGS.rare_logit] * SCORES + [0.0] * 8)
         )
@@ -86,9 +86,9 @@ class Scout(nn.Module):
         assert self.block.bias is not None
         bias = self.block.bias - weight.sum((1, 2, 3))
         blocks = functional.conv2d(grey.float(), weight / 64, bias, self.block.stride)
-        fine = self.fine(blocks.relu())
+        fine = self.fine(blocks.relu_())
         coarse = functional.interpolate(self.coarse(fine), scale_factor=2.0)
-        out: Tensor = self.head((fine + coarse).relu())
+        out: Tensor = self.head((fine + coarse).relu_())
         return out
 
 
