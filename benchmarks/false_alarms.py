@@ -9,8 +9,8 @@ eight of each in turn, under keys that nothing else uses. A frame is drawn once,
 shape. Greatest scores are appended to a file in docs/results/false_alarms that is named by the digest of the
 weights: an interrupted run goes on, and several processes may do ranges. At the end the package's table is written
 from all scores of these weights, and docs/results/false_alarms.csv says how good it is: 95 % bounds about one false
-alarm in 1000 frames, by the tail and by counting, and the shape of a generalized Pareto tail (0 is exponential;
-below, the table says too many).
+alarm in 1000 frames, by counting, and the shape of a generalized Pareto tail (0 is exponential; below, the table
+says too many).
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ SHARES = (0.07, 0.02, 0.005)
 LEAST_ABOVE = 20
 """Frames above a floor, at least, but for the first."""
 HEAD = (
-    "locator,rows,columns,frames,score,greatest,tail_frames,low,high,above,"
-    "above_low,above_high,pareto_shape,shape_low,shape_high"
+    "locator,rows,columns,frames,score,greatest,tail_frames,above,above_low,"
+    "above_high,pareto_shape,shape_low,shape_high"
 )
 
 
@@ -143,14 +143,6 @@ def fitted(shape: PanelShape, maxima: torch.Tensor) -> FalseAlarms:
     return FalseAlarms(LOCATOR, *astuple(shape), len(ordered), above, floors, scale)
 
 
-def interval(row: FalseAlarms, score: float) -> tuple[float, float]:
-    """95 % bounds of the expected false alarms, from the frames that passed the last floor."""
-    middle = float(row.expected(torch.tensor([score], dtype=torch.float64))[0])
-    excess = max((score - row.floors[-1]) / row.scale, 0.0)
-    spread = np.exp(1.96 * np.sqrt((1 + excess**2) / row.above[-1]))
-    return middle / spread, middle * spread
-
-
 def quality(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     """Say how good a table's row is, as ``HEAD`` has it."""
     floor, rates = row.floors[-1], np.array(row.above) / row.frames
@@ -163,7 +155,7 @@ def quality(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     bent = genpareto.fit(excess, floc=0)[0]
     # Of tails that end so abruptly likelihood has no such bounds.
     spread = 1.96 * (1 + bent) / math.sqrt(len(excess)) if bent > -0.5 else math.nan
-    numbers = [at, found.max(), row.above[-1], *interval(row, at), above]
+    numbers = [at, found.max(), row.above[-1], above]
     numbers += [counted.low, counted.high, bent, bent - spread, bent + spread]
     return [*map(str, astuple(row)[:4]), *(f"{number:.4g}" for number in numbers)]
 

@@ -4,13 +4,14 @@
     python benchmarks/recall.py --scenes fog tunnel --shape 8x8 --locator refined --frames 24
 
 A panel is located where each corner is within a quarter of the pitch. It is readable where it is whole in the frame
-and every bit is right at the true corners. A panel that is not located is lost by the proposals where no candidate
-of the scout covers it, by the fit where no placed candidate lies on it, and else by the score.
+and every bit is right at the true corners. A panel that is not located is lost by the gate or by the scout where no
+candidate of the scout covers it, by the fit where no placed candidate lies on it, and else by the score.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 from collections import Counter
 from collections.abc import Iterator
 
@@ -19,7 +20,7 @@ import torch
 import vocc_torch as vt
 from vocc_torch.measure.intervals import clopper_pearson
 from vocc_torch.receiver.detector.pipeline import candidates
-from vocc_torch.receiver.detector.pyramid import Pyramid
+from vocc_torch.receiver.detector.pyramid import SETTINGS, Pyramid, gate
 from vocc_torch.receiver.detector.scout import propose
 from vocc_torch.receiver.detector.weights import load_networks
 from vocc_torch.receiver.locators import LOCATORS, PaperLocator, locator_named
@@ -30,6 +31,8 @@ PITCHES_PX = (2.0, 3.0, 4.0, 6.0, 12.0, 1000.0)
 NEAR_PITCHES = 0.25
 PROPOSED_SIDES = 0.35  # a candidate covers a panel where its centre is as near
 DULL_LX = 4000.0
+PITCH_PX = 3.0  # of LEDs in the level that shows them best
+GATED = 2  # the levels of a full-HD frame that the gate chooses tiles of
 
 
 def off_px(quads: torch.Tensor, truth: torch.Tensor) -> float:
@@ -48,7 +51,10 @@ def lost_by(
     side = float((truth[0] - truth[2]).norm())
     near = (quads.mean(1) - truth.mean(0)).norm(dim=1) < PROPOSED_SIDES * side
     if not bool(near.any()):
-        return "lost by proposals"
+        level = max(0, round(math.log2(pitch_px / PITCH_PX)))
+        tile = truth.mean(0).flip(0) // (SETTINGS.tile_px << level)
+        seen = level >= GATED or (gate(pyramid.levels[level]) == tile).all(1).any()
+        return "lost by scout" if seen else "lost by gate"
     placed, _ = candidates(networks, pyramid, shape)
     if off_px(placed, truth) >= NEAR_PITCHES * pitch_px:
         return "lost by fit"
@@ -72,13 +78,13 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=100, help="a scene")
     parser.add_argument("--shape", default="8x8")
     parser.add_argument("--locator", default="detector", choices=LOCATORS)
-    parser.add_argument("--false-alarms", type=float, help="of a frame; detector")
+    parser.add_argument("--false-alarms", type=float, default=1e-2)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     shape = PanelShape(*map(int, arguments.shape.split("x")))
     sides = [f"panel.rows={shape.rows}", f"panel.columns={shape.columns}"]
     locator = locator_named(arguments.locator, PaperLocator())
-    if arguments.false_alarms:
+    if locator.states_false_alarms:
         locator = locator.at_rate(arguments.false_alarms)
     paper = vt.load_scene("paper", *sides)
     reader = vt.train(paper, classifier="tag_planes", frames=64)
