@@ -23,7 +23,6 @@ from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
-import numpy as np
 import torch
 from scipy.stats import genpareto
 
@@ -145,10 +144,8 @@ def fitted(shape: PanelShape, maxima: torch.Tensor) -> FalseAlarms:
 
 def quality(row: FalseAlarms, found: torch.Tensor) -> list[str]:
     """Say how good a table's row is, as ``HEAD`` has it."""
-    floor, rates = row.floors[-1], np.array(row.above) / row.frames
-    far = row.scale * float(np.log(rates[-1] / STATED))
-    near = float(np.interp(-np.log(STATED), -np.log(rates), row.floors))
-    at = floor + far if rates[-1] > STATED else near
+    floor = row.floors[-1]
+    at = floor + row.scale * math.log(row.above[-1] / row.frames / STATED)
     excess = found[found > floor].sub(floor).numpy()
     above = int((found >= at).sum())
     counted = clopper_pearson(above, len(found))
