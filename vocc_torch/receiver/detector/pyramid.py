@@ -22,7 +22,7 @@ class PyramidSettings:
     margin_px: int = 16  # around a tile, for the scout's field of view
     tiles: int = 20  # of a level, always: the time is constant
     block_px: int = 16  # the gate averages over this side
-    grain: float = 2.0  # grey values, below which ranges count as alike
+    grain: float = 8.0  # grey values, below which ranges count as alike
 
 
 SETTINGS = PyramidSettings()
