@@ -5,7 +5,8 @@
 
 A panel is located where each corner is within a quarter of the pitch. It is readable where it is whole in the frame
 and every bit is right at the true corners. A panel that is not located is lost by the gate or by the scout where no
-candidate of the scout covers it, by the fit where no placed candidate lies on it, and else by the score.
+candidate of the scout covers it: by the gate if it leaves out the tile at the panel's centre, in the level that shows
+the panel best. It is lost by the fit where no placed candidate lies on it, and else by the score.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ import torch
 
 import vocc_torch as vt
 from vocc_torch.measure.intervals import clopper_pearson
+from vocc_torch.receiver.detector import pyramid as pyramids
+from vocc_torch.receiver.detector import scout
 from vocc_torch.receiver.detector.pipeline import candidates
-from vocc_torch.receiver.detector.pyramid import SETTINGS, Pyramid, gate
-from vocc_torch.receiver.detector.scout import propose
+from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.weights import load_networks
 from vocc_torch.receiver.locators import LOCATORS, PaperLocator, locator_named
 from vocc_torch.receiver.resample import cell_size_px
@@ -32,7 +34,6 @@ NEAR_PITCHES = 0.25
 PROPOSED_SIDES = 0.35  # a candidate covers a panel where its centre is as near
 DULL_LX = 4000.0
 PITCH_PX = 3.0  # of LEDs in the level that shows them best
-GATED = 2  # the levels of a full-HD frame that the gate chooses tiles of
 
 
 def off_px(quads: torch.Tensor, truth: torch.Tensor) -> float:
@@ -47,13 +48,15 @@ def lost_by(
 ) -> str:
     """Name the stage that lost a panel."""
     networks, pyramid = load_networks(None, torch.device("cpu")), Pyramid.of(frame.grey)
-    quads, _, _ = propose(networks.scout, pyramid, shape)
+    quads, _, _ = scout.propose(networks.scout, pyramid, shape)
     side = float((truth[0] - truth[2]).norm())
     near = (quads.mean(1) - truth.mean(0)).norm(dim=1) < PROPOSED_SIDES * side
     if not bool(near.any()):
         level = max(0, round(math.log2(pitch_px / PITCH_PX)))
-        tile = truth.mean(0).flip(0) // (SETTINGS.tile_px << level)
-        seen = level >= GATED or (gate(pyramid.levels[level]) == tile).all(1).any()
+        plane = pyramid.levels[min(level, len(pyramid.levels) - 1)]
+        tile = truth.mean(0).flip(0) // (pyramids.SETTINGS.tile_px << level)
+        whole = plane.numel() <= scout.SETTINGS.gated_px
+        seen = whole or (pyramids.gate(plane) == tile).all(1).any()
         return "lost by scout" if seen else "lost by gate"
     placed, _ = candidates(networks, pyramid, shape)
     if off_px(placed, truth) >= NEAR_PITCHES * pitch_px:

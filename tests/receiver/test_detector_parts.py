@@ -98,6 +98,16 @@ def test_a_halving_takes_any_part_of_a_buffer(size):
     assert np.array_equal(found.numpy(), np.floor(wanted + 0.5))
 
 
+def test_an_atlas_has_a_value_everywhere():
+    """Memory that nothing wrote is filled with NaN here."""
+    torch.use_deterministic_algorithms(True)
+    try:
+        atlas = Pyramid.of(noise(1, 1, 101, 203).byte()).atlas
+    finally:
+        torch.use_deterministic_algorithms(False)
+    assert atlas.isfinite().all()
+
+
 def test_the_gate_takes_the_tiles_with_a_lattice(monkeypatch):
     monkeypatch.setattr(pyramid_file, "SETTINGS", pyramid_file.PyramidSettings(tiles=2))
     plane = torch.linspace(0, 255, 1920).expand(1080, 1920).clone()

@@ -77,7 +77,7 @@ class Judge(nn.Module):
         self.heat = nn.Conv2d(fine, 4, 1)
         self.coarse_heat = nn.Conv2d(coarse, 4 * SETTINGS.heat_px**2, 1)
         self.score = nn.Sequential(
-            nn.Linear(2 * coarse, fine), nn.ReLU(inplace=True), nn.Linear(fine, 1)
+            nn.Linear(2 * coarse, fine), nn.ReLU(), nn.Linear(fine, 1)
         )
 
     def forward(self, pictures: Tensor, waves: Tensor) -> tuple[Tensor, Tensor]:

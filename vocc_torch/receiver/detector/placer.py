@@ -67,7 +67,7 @@ class Placer(nn.Module):
         self.around = nn.Linear(2 * wide, wide)
         self.off = nn.Conv2d(wide, 3, 1)
         self.score = nn.Sequential(
-            nn.Linear(2 * wide, wide), nn.ReLU(inplace=True), nn.Linear(wide, 1)
+            nn.Linear(2 * wide, wide), nn.ReLU(), nn.Linear(wide, 1)
         )
 
     def forward(self, patches: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
