@@ -223,7 +223,7 @@ class Store(AbstractContextManager["Store"]):
                 self._run("COMMIT")
 
     def _demand_file(self) -> None:
-        """Refuse to write to a file that is no longer where it was."""
+        """Refuse to write if the file is missing or another one."""
         with _told(self.path):
             there = self.path.exists() and self.path.stat().st_ino == self._inode
         if not there:
