@@ -144,7 +144,8 @@ def rates(study, trained, workers=1, ledger=None, **changes):
     job = job_of(plan, banks(plan, {"truth": trained}), 1000.0)
     drawing = {"prepare": pilot.weighed_job} if plan.budget.sampling else {}
     with Workers(workers) as pool, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pilot, "LEVEL_BLOCKS", (3, 3))
+        short = replace(pilot.SETTINGS, level_blocks=(3, 3))
+        patch.setattr(pilot, "SETTINGS", short)
         (outcome,) = outcomes([job], pool, ledger, **drawing)
     return curves_at(plan, "truth", {1000.0: outcome})
 

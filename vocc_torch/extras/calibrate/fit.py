@@ -26,30 +26,34 @@ SURE = 1.959963985
 BASE = (*PLACED, *LEVELS, *SHARED[1:])
 POSED = (*BASE, *TURNED)
 
+Range = tuple[float, float]
+
 
 @dataclass(frozen=True)
 class RecordingFitSettings:
     """How a fit is made."""
 
-    clear_sigmas: float = (
-        4.0  # a pixel farther off counts less: reflections are not in the model
-    )
+    clear_sigmas: float = 4.0  # a pixel farther off counts less: it may be a reflection
     evaluations: int = 12  # of the picture and its derivatives, at most
     tolerance: float = 1e-6  # change of values or misfit that ends a fit
     block_px: int = 8  # neighbours within such a block may hang together
+    angles_deg: Range = (-75.0, 75.0)  # from here on: where values mean something
+    levels: Range = (0.01, 1e5)
+    board: Range = (0.0, 1.0)
+    gamma: Range = (1.0, 4.0)
+    blur_px: Range = (0.02, 30.0)
 
 
 SETTINGS = RecordingFitSettings()
 
 RANGES = {
     **dict.fromkeys(PLACED, (-math.inf, math.inf)),
-    **dict.fromkeys(TURNED, (-75.0, 75.0)),
-    **dict.fromkeys(LEVELS, (0.01, 1e5)),
-    "board": (0.0, 1.0),
-    "gamma": (1.0, 4.0),
-    "blur_px": (0.02, 30.0),
+    **dict.fromkeys(TURNED, SETTINGS.angles_deg),
+    **dict.fromkeys(LEVELS, SETTINGS.levels),
+    "board": SETTINGS.board,
+    "gamma": SETTINGS.gamma,
+    "blur_px": SETTINGS.blur_px,
 }
-"""Where values mean something."""
 
 Of = Callable[[Floats], Floats]
 """Makes a value of each frame (B,) from (B,12)."""

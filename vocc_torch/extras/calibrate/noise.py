@@ -9,15 +9,15 @@ from vocc_torch.arrays import Floats
 from vocc_torch.simulation.photometry import MIDDLE_GREY
 
 WHITE = 255.0
-LEAST_LIGHT = 1e-9
 ROUNDING = 1 / 12
 """Variance of the rounding to whole grey values."""
 
 
 @dataclass(frozen=True)
 class AverageSettings:
-    """How encoded light is averaged over its noise."""
+    """How light is encoded, and averaged over its noise."""
 
+    least_light: float = 1e-9  # the slope of the encoding is infinite at 0
     widest_sigmas: float = 6.0  # of noise on either side
     nodes: int = 129  # over these: the encoding is bent near black and white
     brightest: float = 4.0  # times white's grey value, beyond which all is white
@@ -47,7 +47,9 @@ def linear(grey: Floats, gamma: float) -> Floats:
 
 def encoded(x: Floats, gamma: float, white: float = WHITE) -> Floats:
     """Encode light as grey values, clipped at white (Eq. 1)."""
-    return np.minimum(MIDDLE_GREY * np.maximum(x, LEAST_LIGHT) ** (1 / gamma), white)
+    return np.minimum(
+        MIDDLE_GREY * np.maximum(x, AVERAGE.least_light) ** (1 / gamma), white
+    )
 
 
 def expected(x: Floats, gamma: float, noise: Noise) -> tuple[Floats, Floats]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -10,41 +11,28 @@ from scipy.signal import lfilter
 from vocc_torch.arrays import Floats, Integers, Singles
 from vocc_torch.extras.messages.layout import Layout
 
-SURE = 6.0
-"""Most that one known cell's log-likelihood ratio counts."""
 
-MIXED_COST = 4.0
-"""What it costs to take a frame for one between two symbols."""
+@dataclass(frozen=True)
+class ClockSettings:
+    """How frames are matched to symbols; costs are log-likelihoods."""
 
-STEP_COST = 5.0
-"""What each symbol costs by which a frame is farther from the last one than the clock lets expect."""
+    most_llr: float = 6.0  # log-likelihood ratio of one known cell
+    mixed_cost: float = 4.0  # of a frame between two symbols
+    step_cost: float = 5.0  # of each symbol beyond what the clock expects
+    most_steps: int = 3  # symbols; farther is a jump
+    unexpected_chance: float = 0.02  # of a symbol more or less than the time allows
+    jump_cost: float = 15.0  # whatever its length
+    stuck_share: float = (
+        0.75  # of recent frames; a cell alike in more is hidden or dead
+    )
+    memory_frames: int = 64  # the recent ones
+    delay_frames: int = 256  # after a frame, before its symbol is settled
+    least_jump_symbols: float = 4.0  # off the expected place
+    most_back_symbols: int = 16  # of a jump; farther back is far ahead
+    clear_margin: float = 8.0  # of the likeliest place over places beyond a jump
 
-MOST_STEPS = 3
-"""Symbols farther than that are no step but a jump."""
 
-EVEN = 0.02
-"""Chance left to a symbol more, or less, where the time between two frames speaks against it."""
-
-JUMP_COST = 15.0
-"""What a jump to any place costs."""
-
-STUCK = 0.75
-"""A cell that shows the same in more than this share of the last frames is hidden or dead."""
-
-MEMORY = 64
-"""How many frames these are."""
-
-DELAY = 256
-"""Frames that are looked ahead before a frame's symbol is settled."""
-
-LEAST_JUMP = 4.0
-"""Symbols from where the camera's clock expects the next frame, from which on a step is a jump."""
-
-BACK = 16
-"""Symbols that a jump may lead back, from a place taken wrongly beside a gap; farther back is far ahead."""
-
-DOUBTFUL = 8.0
-"""By how much the likeliest place of a frame must be likelier than any place beyond a jump from it."""
+SETTINGS = ClockSettings()
 
 
 class Ticks(NamedTuple):
@@ -127,21 +115,24 @@ class SymbolClock:
         """Settle the frames of a recording, some hundreds at a time."""
         for llr, times_s in recording:
             self._take(llr, times_s)
-            if len(self._frames) >= 2 * DELAY:
-                yield self._settle(len(self._frames) - DELAY)
+            if len(self._frames) >= 2 * SETTINGS.delay_frames:
+                yield self._settle(len(self._frames) - SETTINGS.delay_frames)
         if self._frames:
             yield self._settle(len(self._frames))
 
     def _take(self, llr: Singles, times_s: Sequence[float | None]) -> None:
         """Take frames in."""
         flat = llr.reshape(len(llr), -1).astype(np.float32)
+        newest = 1 / SETTINGS.memory_frames
         if self._lit is None:  # a cell may be hidden from the begin on
-            self._lit = (1 - 1 / MEMORY) * np.sign(flat).mean(axis=0, keepdims=True)
+            self._lit = (1 - newest) * np.sign(flat).mean(axis=0, keepdims=True)
         alive, self._lit = lfilter(
-            [1 / MEMORY], [1, 1 / MEMORY - 1], np.sign(flat), axis=0, zi=self._lit
+            [newest], [1, newest - 1], np.sign(flat), axis=0, zi=self._lit
         )
-        alive = (np.abs(alive) < STUCK) | self._anchors
-        likelihoods = self._likelihood(flat.clip(-SURE, SURE) * alive)
+        alive = (np.abs(alive) < SETTINGS.stuck_share) | self._anchors
+        likelihoods = self._likelihood(
+            flat.clip(-SETTINGS.most_llr, SETTINGS.most_llr) * alive
+        )
         for row, likelihood, time_s in zip(flat, likelihoods, times_s, strict=True):
             # Without a clock of its own the camera is taken to be faster than the panel.
             ahead = 0.5
@@ -160,7 +151,7 @@ class SymbolClock:
         states = [bands.sum(axis=0)]
         for band in range(len(bands) - 1, 0, -1):  # from which on the next one shows
             following = np.roll(bands[band:].sum(axis=0), -1, axis=-1)
-            states.append(bands[:band].sum(axis=0) + following - MIXED_COST)
+            states.append(bands[:band].sum(axis=0) + following - SETTINGS.mixed_cost)
         return np.stack(states, axis=-1).reshape(len(llr), -1)
 
     def _moved(self, value: Singles, ahead: float, way: int) -> Singles:
@@ -173,16 +164,20 @@ class SymbolClock:
         """
         bands = self.layout.bands
         low, high = math.floor(ahead), math.ceil(ahead)
-        least = max(0, (low - MOST_STEPS) * bands)
-        steps = np.arange(least, (high + MOST_STEPS + 1) * bands)
+        least = max(0, (low - SETTINGS.most_steps) * bands)
+        steps = np.arange(least, (high + SETTINGS.most_steps + 1) * bands)
         usual = steps.clip((low - 1) * bands + 1, (high + 1) * bands - 1)
         # By how uniform phases fall: one symbol more is as likely as what is expected of it.
-        odds = np.log(np.array([low + 1 - ahead, ahead - low]) + EVEN)
-        cost = STEP_COST / bands * np.abs(steps - usual)
+        odds = np.log(
+            np.array([low + 1 - ahead, ahead - low]) + SETTINGS.unexpected_chance
+        )
+        cost = SETTINGS.step_cost / bands * np.abs(steps - usual)
         cost -= np.interp(steps / bands, [low, low + 1], odds)
         origin = (np.arange(len(value)) - way * steps[:, None]) % len(value)
         reached = value[origin] - cost.astype(np.float32)[:, None]
-        best: Singles = np.maximum(reached.max(axis=0), value.max() - JUMP_COST)
+        best: Singles = np.maximum(
+            reached.max(axis=0), value.max() - SETTINGS.jump_cost
+        )
         best -= best.max()
         return best
 
@@ -195,16 +190,17 @@ class SymbolClock:
             total = frame.value + after
             path.append(int(total.argmax()))
             apart = np.abs((states - path[-1] + n // 2) % n - n // 2)
-            beyond = total[apart > LEAST_JUMP * bands].max()
-            doubtful.append(bool(total.max() - beyond <= DOUBTFUL))
+            beyond = total[apart > SETTINGS.least_jump_symbols * bands].max()
+            doubtful.append(bool(total.max() - beyond <= SETTINGS.clear_margin))
             after = self._moved(after + frame.likelihood, frame.ahead, -1)
         settled, self._frames = self._frames[:count], self._frames[count:]
         if self._unit is None:
             self._unit, self._ahead = path[-1], -settled[0].ahead * bands
         units = np.empty(count, dtype=np.int64)
+        back = SETTINGS.most_back_symbols * bands
         for i, frame in enumerate(settled):
             self._ahead += frame.ahead * bands
-            step = (path[-1 - i] - self._unit + BACK * bands) % n - BACK * bands
+            step = (path[-1 - i] - self._unit + back) % n - back
             # A gap may be longer than a block.
             step += n * max(0, round((self._ahead - step) / n))
             units[i] = self._unit + step

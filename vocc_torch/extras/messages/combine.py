@@ -12,23 +12,21 @@ from vocc_torch.arrays import Singles
 from vocc_torch.extras.messages.clock import SoftFrames, SymbolClock, Ticks
 from vocc_torch.extras.messages.layout import Layout
 
-MIXED_SHARE = 0.3
-"""A band whose clock cell agrees less than this share of what is usual is taken to show two symbols."""
 
-DEAF_SHARE = 0.3
-"""A clock cell whose agreement is less than this on average is hidden or dead."""
+@dataclass(frozen=True)
+class CombineSettings:
+    """How frames are weighed, and which cells count."""
 
-NEARBY = 32
-"""Frames over which that is averaged."""
+    mixed_share: float = 0.3  # of the usual agreement; a band below shows two symbols
+    deaf_share: float = 0.3  # likewise on average; a clock cell below is hidden or dead
+    nearby_frames: int = 32  # of that average
+    stuck_symbols: int = 16  # a cell alike in so many in a row is hidden or dead
+    least_scale: float = 0.01  # of log-likelihood ratios
+    most_scale: float = 4.0
+    weak_weight: float = 0.1  # of a band that does not agree, in a frame that does
 
-STUCK_SYMBOLS = 16
-"""A cell that decides alike in so many symbols in a row carries no scrambled data: it is hidden or dead."""
 
-WORTH_RANGE = (0.01, 4.0)
-"""Bounds of what ratios are multiplied by."""
-
-WEAK = 0.1
-"""What a band counts whose clock cell does not agree, in a frame that does."""
+SETTINGS = CombineSettings()
 
 
 @dataclass(frozen=True)
@@ -51,9 +49,9 @@ class Block:
         """Give log-likelihood ratios (P,R,C); zeros for cells that are hidden or dead."""
         sums = self.sums * self._worth(layout)
         if layout.plan.signalling.scramble:
-            on = (sums >= 0).reshape(-1, STUCK_SYMBOLS, *sums.shape[1:])
+            on = (sums >= 0).reshape(-1, SETTINGS.stuck_symbols, *sums.shape[1:])
             stuck = (on == on[:, :1]).all(axis=1) & (layout.kind == "data")
-            sums[stuck.repeat(STUCK_SYMBOLS, axis=0)] = 0
+            sums[stuck.repeat(SETTINGS.stuck_symbols, axis=0)] = 0
         return sums
 
     def _worth(self, layout: Layout) -> float:
@@ -72,7 +70,7 @@ class Block:
         ratios = agreement.astype(np.float64)
         found = minimize_scalar(
             lambda scale: np.logaddexp(0.0, -scale * ratios).sum(),
-            bounds=WORTH_RANGE,
+            bounds=(SETTINGS.least_scale, SETTINGS.most_scale),
             method="bounded",
         )
         return float(found.x)
@@ -135,9 +133,12 @@ def judged(agreement: Singles) -> Singles:
     if not agreement.any():
         return weights
     share = np.clip(agreement / np.median(np.abs(agreement[agreement != 0])), -1, 1)
-    good = share > MIXED_SHARE
-    heard = uniform_filter1d(share, NEARBY, axis=0, mode="nearest") > DEAF_SHARE
+    good = share > SETTINGS.mixed_share
+    heard = (
+        uniform_filter1d(share, SETTINGS.nearby_frames, axis=0, mode="nearest")
+        > SETTINGS.deaf_share
+    )
     others = ((good & heard).sum(axis=1) > heard.sum(axis=1) / 2)[:, None]
-    weights[np.broadcast_to(others, good.shape)] = WEAK
+    weights[np.broadcast_to(others, good.shape)] = SETTINGS.weak_weight
     weights[np.where(heard, good, others)] = 1.0
     return weights

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
@@ -30,18 +31,18 @@ from vocc_torch.report import folder as run_folder
 from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.studies.decode.run import receiver_of, write_receiver
 
-BATCH_FRAMES = 64
-"""Frames read at a time."""
 
-BATCH_PIXELS = 64_000_000
-"""Most pixels of them."""
+@dataclass(frozen=True)
+class ReceiveSettings:
+    """How a recording is read, and what is said of it."""
 
-MOST_NAMED = 12
-"""Incomplete messages that are written."""
+    batch_frames: int = 64  # read at a time
+    batch_pixels: int = 64_000_000  # the most of them
+    most_parts: int = 12  # incomplete messages that are written
+    least_led_pitch_px: float = 2.0  # the camera's sampling limit
 
-NEAREST_LEDS_PX = 2.0
-"""LEDs nearer to each other than this share their pixels: the camera's sampling limit."""
 
+SETTINGS = ReceiveSettings()
 
 MISSING_COLUMNS = (
     "message",
@@ -69,7 +70,8 @@ def soft_values(
         ends_s: takes when the first and the last frame were taken, where that is known.
         failures: takes the interruption.
     """
-    number, parts = count(), batches(recording, BATCH_FRAMES, BATCH_PIXELS)
+    number = count()
+    parts = batches(recording, SETTINGS.batch_frames, SETTINGS.batch_pixels)
     try:
         # The next frames are decoded while these are read.
         with ThreadPoolExecutor(1) as beside:
@@ -171,7 +173,7 @@ def write_messages(assembly: Assembly, folder: Path) -> list[tuple[str, str]]:
     """
     complete = [message for message in assembly.messages if message.complete]
     places, gaps = [], list[run_folder.Cells]()
-    for n, message in enumerate(complete or assembly.messages[:MOST_NAMED]):
+    for n, message in enumerate(complete or assembly.messages[: SETTINGS.most_parts]):
         kind, ending = ("message", "bin") if complete else ("part", "partial")
         number = f"_{n + 1}" if n else ""
         places.append((kind, f"message{number}.{ending}"))
@@ -215,10 +217,10 @@ def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
         'of 7 packets of the message 4 are missing: missing.csv names them, message.partial has the others'
     """
     if not assembly.messages:
-        if led_pitch_px is not None and led_pitch_px < NEAREST_LEDS_PX:
+        if led_pitch_px is not None and led_pitch_px < SETTINGS.least_led_pitch_px:
             return (
                 f"none of {sent} packets arrived: "
-                f"LEDs are {led_pitch_px:.1f} px apart, and {NEAREST_LEDS_PX:g} px are needed; "
+                f"LEDs are {led_pitch_px:.1f} px apart, and {SETTINGS.least_led_pitch_px:g} px are needed; "
                 "come nearer or take a longer lens"
             )
         return f"none of {sent} packets arrived, so there is no message; report.csv says why"

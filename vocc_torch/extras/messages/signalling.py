@@ -17,10 +17,8 @@ from vocc_torch.hardware import PanelShape
 from vocc_torch.yaml_text import read_yaml
 
 CODES = ("rs", "ldpc", "none")
-ORDERS = {32: 5, 64: 6, 128: 7, 256: 8}
+ORDERS = {2**order: order for order in range(5, 9)}
 """Symbols of a block, and how many sync bits in a row tell where in the block they stand."""
-
-FASTEST_HZ = 1e6
 
 
 @dataclass
@@ -42,7 +40,7 @@ class Signalling:
         VoccError: a value out of its range.
     """
 
-    symbol_rate_hz: float = within(0, FASTEST_HZ, above=True, default=100.0)
+    symbol_rate_hz: float = within(0, 1e6, above=True, default=100.0)
     code: str = "rs"
     code_rate: float = 0.7
     block_symbols: int = 128

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,19 +11,33 @@ from vocc_torch.extras.rare.scenes import Component
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.types import PanelShape
 
-NOMINAL = 16
-"""Frames of a block that are drawn as they are meant."""
-PATTERNS = 16
-"""Frames with patterns that locators may fail at."""
 REACH = 2
 """LEDs around a weak one whose bits are learned."""
+
+
+@dataclass(frozen=True)
+class PilotSettings:
+    """What a pilot draws, and how it learns."""
+
+    nominal_frames: int = 16  # of a block: the scenes that are meant
+    pattern_frames: int = 16  # of a block: patterns that locators may fail at
+    level_blocks: tuple[int, ...] = (32, 32, 32, 32, 32, 64)  # of each look in turn
+    failed_cells: float = 0.5  # a corner so far off is a failed location
+    weakest_leds: int = 256  # of a receiver in a look, or all that were wrong
+    least_effective_leds: int = 48  # that a component is learned from
+    prior_frames: int = 32  # the weight of a pattern's guess
+
+
+SETTINGS = PilotSettings()
 
 
 def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
     """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns."""
     components = [
-        Component.nominal(NOMINAL, shape),
-        patterns(shape, PATTERNS if locates else PATTERNS // 4),
+        Component.nominal(SETTINGS.nominal_frames, shape),
+        patterns(
+            shape, SETTINGS.pattern_frames if locates else SETTINGS.pattern_frames // 4
+        ),
     ]
     frames_left = BLOCK_FRAMES - sum(component.frames for component in components)
     side = 2 * REACH + 1

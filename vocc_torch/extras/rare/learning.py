@@ -10,17 +10,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vocc_torch.arrays import Bools, Floats, Integers, Numbers
-from vocc_torch.extras.rare.guess import REACH, around_leds
+from vocc_torch.extras.rare.guess import REACH, SETTINGS, around_leds
 from vocc_torch.extras.rare.scenes import WIDTHS, Component, TiltedScenes, part_of
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.types import PanelShape
-
-WEAKEST = 256
-"""LEDs of each receiver that a look learns from, or all that were wrong if these are more."""
-ENOUGH = 48
-"""Effective number of LEDs that a component is learned from at least."""
-PRIOR = 32
-"""Frames that a pattern's guess counts as much as, when it is learned."""
 
 
 class PilotFrames(NamedTuple):
@@ -88,7 +81,7 @@ def weakest(
         if share < 0.02 * sum(shares):
             continue
         values = np.where(of, margins - wrong, np.inf)
-        count = max(WEAKEST, int(np.sum(wrong & of)))
+        count = max(SETTINGS.weakest_leds, int(np.sum(wrong & of)))
         order = np.argsort(values, axis=None, kind="stable")[:count]
         order = order[np.isfinite(values.ravel()[order])]
         if len(order):
@@ -142,9 +135,9 @@ def relearned(component: Component, observed: PilotFrames) -> Component:
     share_of_place = belongs.sum(axis=0) / weights.sum()
     lit = np.einsum("np,nrc->prc", belongs, bits.astype(np.float64)) / weights.sum()
     places = (count * share_of_place + 8 / len(share_of_place)) / (count + 8)
-    maps = (count * lit + PRIOR * component.maps) / (count * share_of_place + PRIOR)[
-        :, None, None
-    ]
+    maps = (count * lit + SETTINGS.prior_frames * component.maps) / (
+        count * share_of_place + SETTINGS.prior_frames
+    )[:, None, None]
     return Component(
         component.frames,
         maps.clip(0.03, 0.97),
@@ -163,10 +156,10 @@ def turned(maps: Numbers) -> list[Numbers]:
 
 def evened(weights: Floats) -> Floats:
     """Return a root of the weights if a few of them are most of the sum, so that more samples count."""
-    powers, enough = (1.0, 0.75, 0.5, 0.25, 0.0), min(ENOUGH, 0.99 * len(weights))
+    enough = min(SETTINGS.least_effective_leds, 0.99 * len(weights))
     return next(
         weights
-        for weights in (weights**power for power in powers)
+        for weights in (weights**power for power in (1.0, 0.75, 0.5, 0.25, 0.0))
         if effective(weights) >= enough
     )
 

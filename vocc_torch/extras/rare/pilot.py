@@ -12,7 +12,7 @@ from functools import partial
 
 import torch
 
-from vocc_torch.extras.rare.guess import first_guess
+from vocc_torch.extras.rare.guess import SETTINGS, first_guess
 from vocc_torch.extras.rare.learning import PilotFrames, joined, learned
 from vocc_torch.extras.rare.scenes import TiltedScenes
 from vocc_torch.extras.rare.weights import WeightedCounts
@@ -28,11 +28,6 @@ from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
 
 Banks = Mapping[Locator, Bank]
-
-LEVEL_BLOCKS = (32, 32, 32, 32, 32, 64)
-"""Blocks of each of the pilot's looks."""
-FAILED_CELLS = 0.5
-"""A corner this far from its place, in pitches, is a failed location."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +78,7 @@ def proposal(
     guess = first_guess(shape, locates=any(bank != "truth" for bank in banks))
     scenes = TiltedScenes.of(model, guess)
     looks: list[PilotFrames] = []
-    for level, blocks in enumerate(LEVEL_BLOCKS):
+    for level, blocks in enumerate(SETTINGS.level_blocks):
         call = partial(look, plan, banks, scenes, f"{point}/pilot/{level}")
         looks.append(joined([*workers.map(call, range(blocks))]))
         scenes = TiltedScenes.of(model, learned(scenes, looks, shape))
@@ -105,7 +100,9 @@ def look(
         margins, failed = [], []
         for locator, bank in banks.items():
             seen = views[locator]
-            off = misplaced(seen.panels, seen.truth(), seen.reader.shape, FAILED_CELLS)
+            off = misplaced(
+                seen.panels, seen.truth(), seen.reader.shape, SETTINGS.failed_cells
+            )
             for decider in bank.values():
                 scores = decider.score(seen.readings, seen.preambles)
                 margins.append((scores * (2.0 * seen.bits - 1)).double().cpu())

@@ -19,7 +19,8 @@ from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.scene import SCENE_FIELDS
 from vocc_torch.types import PanelShape, Scene
 
-EDGES: Floats = np.array([0, 1, 2, 4, 8, 16, 24, 28, 30, 31, 32]) / 32
+_LOW_EDGES: Floats = np.append(0, np.exp2(np.arange(-5, 0)))
+EDGES: Floats = np.union1d(_LOW_EDGES, 1 - _LOW_EDGES)
 """Ends of the ten parts of a distribution, each of which a component may draw more or less often.
 
 The outer ones are narrow, because errors are rare where several values of a scene lie at an end.
