@@ -6,7 +6,7 @@ Calls and results are sent as bytes. A worker with another release or other code
 import functools
 import importlib
 import math
-import multiprocessing.connection
+import multiprocessing
 import os
 import pickle
 import platform
@@ -18,7 +18,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self, TypeAlias, TypeVar
 
@@ -252,8 +252,14 @@ def process_pool(count: int) -> WorkerPool:
     executor = futures.ProcessPoolExecutor(count, context, _begin, (files,))
 
     def submit(*packed: bytes) -> Call:
-        with _interrupts_blocked():
+        if not hasattr(signal, "pthread_sigmask"):  # on Windows
             return executor.submit(called, *packed)
+        # A process that begins meanwhile does not hear of Ctrl-C, even while it starts.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return executor.submit(called, *packed)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def end(at_once: bool) -> None:
         # Before Python 3.14 a pool has no way of its own to end at once.
@@ -264,32 +270,19 @@ def process_pool(count: int) -> WorkerPool:
     return WorkerPool(submit, lambda: count, end)
 
 
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Let no process that begins meanwhile hear of Ctrl-C, not even while it starts."""
-    if not hasattr(signal, "pthread_sigmask"):  # on Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def _begin(files: dict[str, str]) -> None:
     """Set a worker process up; ``files`` are the user's, as the run began with them."""
     plugins.EXPECTED.update(files)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers itself
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process with its parent: a killed parent cannot tell its workers to end."""
     parent = multiprocessing.parent_process()
-
-    def end_with_parent() -> None:
-        # A killed parent cannot tell its workers to end.
-        if parent is not None:
-            multiprocessing.connection.wait([parent.sentinel])
-            os._exit(1)
-
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def _joined(kind: str, address: str) -> WorkerPool:

@@ -28,8 +28,6 @@ from vocc_torch.receiver.classifiers import plugged
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.model_file import MOST_BYTES, UNFIT, array_of, arrays_as_json
 
-_PLACE = (0, 0)
-"""Block and frames of a row that holds a training."""
 _NUMBERS = ("frames", "missed", "seconds")
 
 
@@ -41,7 +39,7 @@ def find(store: Store, key: str, plan: Plan) -> Training | None:
         key: of :func:`vocc_torch.measure.train.training_key`.
         plan: what they are trained for.
     """
-    content = store.find(key, *_PLACE)
+    content = store.find(key, 0, 0)
     with suppress(*UNFIT):
         return None if content is None else _unpacked(json.loads(content), plan)
     return None
@@ -59,7 +57,7 @@ def keep(store: Store, key: str, plan: Plan, training: Training) -> None:
         if _alike(training, _unpacked(packed, plan), plan):
             content = canonical(packed)
     if 0 < len(content) <= MOST_BYTES:
-        store.add(key, *_PLACE, content.encode(), anew=True)
+        store.add(key, 0, 0, content.encode(), anew=True)
 
 
 def train_plans(

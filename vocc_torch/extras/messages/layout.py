@@ -64,8 +64,8 @@ class Layout:
     Example:
         >>> from vocc_torch.extras.messages.signalling import PanelShape, Signalling
         >>> layout = Layout(MessagePlan(PanelShape(8, 8), Signalling()))
-        >>> layout.packets, layout.word_bits, round(layout.shares["data"], 3)
-        (4, 1728, 0.844)
+        >>> layout.packets, layout.word_bits, len(layout.data)
+        (4, 1728, 54)
     """
 
     def __init__(self, plan: MessagePlan) -> None:
@@ -102,10 +102,6 @@ class Layout:
         groups = capacity // self.unit
         self.packets = max(1, -(-(capacity // 8) // LONGEST_WORD))
         self.word_bits = groups * self.unit // self.packets // 8 * 8
-        self.shares = {
-            name: float((kind == name).mean())
-            for name in ("anchor", "clock", "sync", "data")
-        }
 
     @cached_property
     def code(self) -> Code:

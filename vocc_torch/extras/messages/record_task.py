@@ -151,11 +151,8 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
     run_folder.write_rows(folder / "truth.csv", rows)
     write_atomically(folder / PLAN, plan.text.encode())
     for name, sent in further_films(simulator, torch.from_numpy(film), key).items():
-        with (
-            atomic_file(folder / f"frames{name}.npy") as temporary,
-            temporary.open("wb") as file,
-        ):
-            np.save(file, sent.numpy())
+        with atomic_file(folder / f"frames{name}.npy") as temporary:
+            np.save(temporary, sent.numpy())
     run_folder.write_config(settings, folder)
     console = Console()
     ratio = config.fps * take.symbol_s
