@@ -43,8 +43,11 @@ def build_world(settings: WorldSettings) -> plans.World:
         VoccError: a value outside its range, named by its key.
     """
     if settings.precision not in PRECISIONS:
-        rule = f"{' or '.join(PRECISIONS)}: half precision changes pixels and bits"
-        raise VoccError.of("precision", repr(settings.precision), rule)
+        raise VoccError.of(
+            "precision",
+            repr(settings.precision),
+            f"{' or '.join(PRECISIONS)}: half precision changes pixels and bits",
+        )
     resolve_device(settings.device)
     scene = settings.scene
     with section("scene.camera", before="camera"):
@@ -86,8 +89,11 @@ def build_plan(settings: Settings) -> plans.Plan:
     """
     world, budget = build_world(settings), settings.budget
     if budget.sampling and settings.task != "test":
-        rule = f"null for task={settings.task}: only task=test uses it"
-        raise VoccError.of("budget.sampling", budget.sampling, rule)
+        raise VoccError.of(
+            "budget.sampling",
+            budget.sampling,
+            f"null for task={settings.task}: only task=test uses it",
+        )
     receivers = receiver_plan(
         settings, world.panel, settings.task in ("train", "decode", "receive")
     )
@@ -128,8 +134,11 @@ def receiver_plan(
         panel.led_diameter_m / panel.pitch_m if receiver.cells == "pixels" else None,
     )
     if not {*chosen} <= {*built.names} or len({*chosen}) < len(chosen) or not chosen:
-        rule = f"of {', '.join(built.names)}, or FILE.py:NAME, each once"
-        raise VoccError.of("receiver.features", chosen, rule)
+        raise VoccError.of(
+            "receiver.features",
+            chosen,
+            f"of {', '.join(built.names)}, or FILE.py:NAME, each once",
+        )
     plugged_in = [
         classifier_plan(name, classifier, chosen)
         for name, classifier in settings.classifiers.items()

@@ -173,11 +173,19 @@ class Experiment:
                 rule += ", each a hundred-thousandth above the one before" * is_grid
                 raise VoccError.of(f"experiment.{name}", list(numbers), rule)
             if is_grid and numbers[0] <= 0:
-                rule = "above 0: a grid takes logarithms"
-                raise VoccError.of(f"experiment.{name}", f"{numbers[0]:g}", rule, "has")
+                raise VoccError.of(
+                    f"experiment.{name}",
+                    f"{numbers[0]:g}",
+                    "above 0: a grid takes logarithms",
+                    "has",
+                )
         if binned and self.values[0] < 0:
-            rule = "at least 0, as contrast, (G_on - G_off) / 255, is"
-            raise VoccError.of("experiment.values", f"{self.values[0]:g}", rule, "has")
+            raise VoccError.of(
+                "experiment.values",
+                f"{self.values[0]:g}",
+                "at least 0, as contrast, (G_on - G_off) / 255, is",
+                "has",
+            )
 
     @property
     def bins(self) -> int:

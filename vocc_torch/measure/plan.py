@@ -241,8 +241,11 @@ class Plan:
                 raise VoccError(f"{place}: {rule}")
         frames, target = self.frames_in_point, self.budget.target_frame_errors
         if target is not None and target > frames:
-            rule = f"at most the {frames} frames of a point"
-            raise VoccError.of("budget.target_frame_errors", target, rule)
+            raise VoccError.of(
+                "budget.target_frame_errors",
+                target,
+                f"at most the {frames} frames of a point",
+            )
         binned = experiment.axis == "contrast"
         if (sampling := self.budget.sampling) and (binned or experiment.rows):
             made = "axis makes contrast" if binned else "rows makes a grid"

@@ -155,8 +155,10 @@ class Store(AbstractContextManager["Store"]):
                 f"is of vocc-torch {begun_with} and this is {__version__}", release
             )
         if package != _code():
-            other = f"was begun by other source code of vocc-torch ({source}, now {_code().rpartition(' ')[2]})"
-            raise self._refusal(other, "go back to that code, or give another name=")
+            raise self._refusal(
+                f"was begun by other source code of vocc-torch ({source}, now {_code().rpartition(' ')[2]})",
+                "go back to that code, or give another name=",
+            )
         if settings != self._settings:
             changes = what_changed(json.loads(settings), json.loads(self._settings))
             raise self._refusal(
@@ -252,9 +254,9 @@ class Store(AbstractContextManager["Store"]):
             line = (*row, self._digest(*row))
             self._run("INSERT OR REPLACE INTO blocks VALUES (?, ?, ?, ?, ?)", *line)
         elif known != content:
-            other = f"has other counts for block {block} of {point}"
             raise self._refusal(
-                other, f"its settings miss what they depend on, {_ANOTHER}"
+                f"has other counts for block {block} of {point}",
+                f"its settings miss what they depend on, {_ANOTHER}",
             )
 
 

@@ -325,8 +325,7 @@ class PanelStream:
             VoccError: ``first`` is no multiple of a block.
         """
         if first % BLOCK_FRAMES:
-            rule = f"a multiple of {BLOCK_FRAMES}"
-            raise VoccError.of("first", first, rule)
+            raise VoccError.of("first", first, f"a multiple of {BLOCK_FRAMES}")
         keys = block_keys(self.seed, self.point, first + count, first)
         # Batches may be smaller or larger than a block.
         blocks = -(-self.link.batch_frames // BLOCK_FRAMES)
@@ -381,8 +380,9 @@ def train_classifier(plan: Plan, link: Link, number: int) -> Training:
         size = len(pickle.dumps(guarded))
     except Exception as error:
         rule = "it must be possible to pickle it, for other processes"
-        reason = f"classifier {recipe.name}: {rule} ({one_line(error)})"
-        raise VoccError(reason) from error
+        raise VoccError(
+            f"classifier {recipe.name}: {rule} ({one_line(error)})"
+        ) from error
     counted = getattr(guarded.classifier, "parameters_count", None)
     parameters = None if counted is None else int(counted)
     cost = Making(seconds, stream.seconds, stream.frames, parameters, size)
