@@ -52,6 +52,7 @@ class WorkerLimits:
     )
     connect_s: float = 5.0  # time in which an address must answer
     tries: int = 3  # runs of a call on a cluster whose nodes are lost
+    cached_calls: int = 8  # that go with many arguments
 
 
 LIMITS = WorkerLimits()
@@ -236,8 +237,9 @@ def _lost(error: BaseException) -> BaseException:
     """Say in one line that a call was lost with its worker, or that a node cannot begin."""
     help_ = "give fewer workers, a smaller batch_frames or nodes of the same releases, and start again to go on"
     if isinstance(error, futures.BrokenExecutor):
-        lost = "a worker process was ended from outside, perhaps for lack of memory"
-        return VoccError(f"{lost}: {help_}")
+        return VoccError(
+            f"a worker process was ended from outside, perhaps for lack of memory: {help_}"
+        )
     if type(error).__module__.partition(".")[0] in CLUSTERS.values():
         why = plugins.one_line(error)[:160]
         return VoccError(f"a cluster lost a task {LIMITS.tries} times ({why}): {help_}")
@@ -291,11 +293,13 @@ def _joined(kind: str, address: str) -> WorkerPool:
         package = importlib.import_module(CLUSTERS[kind])
         return {"ray": ray_pool, "dask": dask_pool}[kind](package, address)
     except ImportError:
-        missing = f"executor.kind is {kind}, which is not installed"
-        raise VoccError(f"{missing}: pip install 'vocc-torch[{kind}]'") from None
+        raise VoccError(
+            f"executor.kind is {kind}, which is not installed: pip install 'vocc-torch[{kind}]'"
+        ) from None
     except Exception as error:
-        refusal = f"executor.address is {address}: no {kind} cluster answers there"
-        raise VoccError(f"{refusal} ({plugins.one_line(error)[:160]})") from error
+        raise VoccError(
+            f"executor.address is {address}: no {kind} cluster answers there ({plugins.one_line(error)[:160]})"
+        ) from error
 
 
 def ray_pool(ray: Any, address: str) -> WorkerPool:
@@ -370,13 +374,14 @@ def _prepare(run: bytes) -> None:
     timing.settle_memory()
     expected, files = pickle.loads(run)
     if (here := releases()) != expected:
-        differs = f"node {socket.gethostname()} has {here}, and this run {expected}"
-        raise VoccError(f"{differs}: give every node the same releases")
+        raise VoccError(
+            f"node {socket.gethostname()} has {here}, and this run {expected}: give every node the same releases"
+        )
     plugins.receive(files)
 
 
-_packed = functools.lru_cache(8)(pickle.dumps)
-_unpacked = functools.lru_cache(8)(pickle.loads)
+_packed = functools.lru_cache(LIMITS.cached_calls)(pickle.dumps)
+_unpacked = functools.lru_cache(LIMITS.cached_calls)(pickle.loads)
 """A call that goes with many arguments is packed and unpacked once."""
 
 

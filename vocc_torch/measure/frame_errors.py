@@ -97,8 +97,9 @@ class FrameErrors:
             unzipped = zlib.decompressobj().decompress(content, size)
             numbers = np.frombuffer(unzipped, "<i4").reshape(shape).astype(np.int64)
         except (zlib.error, ValueError) as error:
-            described = f"counts of {len(keys)} receivers in {frames} frames"
-            raise VoccError(f"{described} cannot be read: {error}") from None
+            raise VoccError(
+                f"counts of {len(keys)} receivers in {frames} frames cannot be read: {error}"
+            ) from None
         errors = cls(numbers, leds, keys)
         most = np.array([2 * leds, 1, 1])[:, None, None]
         if ((errors.table < 0) | (errors.table > most)).any():

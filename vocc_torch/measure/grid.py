@@ -46,8 +46,9 @@ class Grid:
         self, row_axis: str, rows: Sequence[float], curves: Sequence[Curves]
     ) -> None:
         if any(curve.values != curves[0].values for curve in curves):
-            fault = f"{curves[0].axis} has values without frames in some rows"
-            raise VoccError(f"{fault}: a grid needs every cell")
+            raise VoccError(
+                f"{curves[0].axis} has values without frames in some rows: a grid needs every cell"
+            )
         self.row_axis, self.rows, self.curves = row_axis, tuple(rows), tuple(curves)
         self.column_axis, self.columns = curves[0].axis, curves[0].values
         self.receivers, self.locator = curves[0].receivers, curves[0].locator

@@ -11,7 +11,8 @@ from vocc_torch.arrays import Floats
 from vocc_torch.extras.calibrate.drawing import COLUMN, LEVELS, TURNED, columns
 from vocc_torch.extras.calibrate.fit import SURE
 from vocc_torch.extras.calibrate.noise import WHITE, linear
-from vocc_torch.extras.calibrate.scene import CODED, Findings, Value
+from vocc_torch.extras.calibrate.scene import Findings, Value
+from vocc_torch.extras.calibrate.surround import SETTINGS as SURROUND
 from vocc_torch.extras.calibrate.transfer import TransferCurve
 from vocc_torch.simulation.effects.sensor import Photoelectrons
 from vocc_torch.simulation.photometry import through_lens
@@ -53,7 +54,7 @@ def describe(apart: Floats, found: Findings) -> None:
     )
     found.say("hardly", when=wide > SETTINGS.wide_gamma)
     place(apart, found)
-    if found.tried("jpeg", found.coded[1], CODED):
+    if found.tried("jpeg", found.coded[1], SURROUND.coded):
         found.tell("effects.jpeg.quality", found.coded[0], 1.0)
     counts = None if coded else found.curve
     if counts is None:

@@ -13,16 +13,12 @@ from vocc_torch.arrays import Floats
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.fit import SURE, Of, RecordingFit
 from vocc_torch.extras.calibrate.reading import Footage
-from vocc_torch.extras.calibrate.surround import Falloff
+from vocc_torch.extras.calibrate.surround import SETTINGS, Falloff
 from vocc_torch.extras.calibrate.transfer import TransferCurve
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.report.page import render
 
 WORDS = yaml.safe_load((resources.files(__package__) / "sentences.yaml").read_text())
-CODED = 12.0
-"""Standard deviations from which coefficients lie on multiples of their steps."""
-CODED_GAIN = 30.0
-"""Gain that an effect needs in coded pictures."""
 
 
 class Value(NamedTuple):
@@ -103,7 +99,7 @@ class Findings:
     @property
     def is_coded(self) -> bool:
         """Whether pictures are coded."""
-        return self.coded[1] > CODED
+        return self.coded[1] > SETTINGS.coded
 
     @property
     def loose(self) -> bool:
@@ -129,7 +125,8 @@ class Findings:
         gain = (simple.misfit - rich.misfit) / rich.scale
         gain -= (len(rich.places) - len(simple.places)) * math.log(rich.grey.size)
         # What coding leaves hangs together over its blocks.
-        return rich if self.tried(effect, gain, CODED_GAIN * self.is_coded) else simple
+        threshold = SETTINGS.coded_gain * self.is_coded
+        return rich if self.tried(effect, gain, threshold) else simple
 
     def tell(self, key: str, value: float, deviation: float = math.nan) -> None:
         """Note a number."""

@@ -1,6 +1,7 @@
 """Forward error correction by the field's libraries: words of bits from information, and back."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,17 @@ from vocc_torch.extras.messages.signalling import Signalling
 LONGEST_WORD = 255
 """Most bytes of a Reed-Solomon word."""
 
-ITERATIONS = 20
-"""Of belief propagation."""
 
-ERASED = (0.0, 0.4, 0.8)
-"""Shares of the check bytes that are spent on erasures, tried in turn where a word does not decode."""
+@dataclass(frozen=True)
+class CodeSettings:
+    """How words are decoded."""
+
+    iterations: int = 20  # of belief propagation
+    # Shares of the check bytes spent on erasures, tried in turn until a word decodes.
+    erased_shares: tuple[float, ...] = (0.0, 0.4, 0.8)
+
+
+SETTINGS = CodeSettings()
 
 
 class Code:
@@ -75,7 +82,7 @@ class ReedSolomon(Code):
         """Decode one word, with the more erasures the worse it is."""
         read = np.packbits(word >= 0).tobytes()
         weakest = np.argsort(np.abs(word).reshape(-1, 8).min(axis=1), kind="stable")
-        for share in ERASED:
+        for share in SETTINGS.erased_shares:
             erased = weakest[: int(share * self.check_bytes)].tolist()
             try:
                 return bytes(self.codec.decode(read, erase_pos=erased)[0])
@@ -108,7 +115,7 @@ class Ldpc(Code):
                 f"transmit.code_rate does not suit ldpc: {' '.join(str(error).split())}"
             ) from None
         self.decoder: Any = fec.LDPC5GDecoder(
-            self.encoder, num_iter=ITERATIONS, hard_out=True, device="cpu"
+            self.encoder, num_iter=SETTINGS.iterations, hard_out=True, device="cpu"
         )
 
     def encode(self, infos: Sequence[bytes]) -> Bytes:

@@ -1,13 +1,13 @@
 """``task=transmit``, ``task=record``, ``task=receive``, ``task=messages``: their sections, without torch."""
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 
 from vocc_torch.errors import (
     VoccError,
+    demand_declared,
     demand_ranges,
-    demand_within,
     demand_word,
     within,
 )
@@ -115,12 +115,6 @@ class ReceiveConfig:
 AXES = ("distance_m", "ambient_lx", "ratio")
 """What a study of messages varies; ``ratio`` is the camera's frames a symbol."""
 
-RATIOS = 1.5, 100.0
-"""Least and most camera frames a symbol."""
-
-MOST_OF_SCENE = 1e6
-"""Most m, and most lx."""
-
 
 @dataclass
 class MessagesConfig:
@@ -145,8 +139,8 @@ class MessagesConfig:
     distance_m: list[float] = field(default_factory=lambda: [50.0, 70.0, 90.0])
     ambient_lx: list[float] = field(default_factory=list)
     ratio: list[float] = field(default_factory=list)
-    at_distance_m: float = within(0, MOST_OF_SCENE, above=True, default=80.0)
-    at_ratio: float = within(*RATIOS, default=2.4)
+    at_distance_m: float = within(0, 1e6, above=True, default=80.0)
+    at_ratio: float = within(1.5, 100.0, default=2.4)
     codes: list[str] = field(default_factory=lambda: ["ldpc-0.7"])
     recordings: int = within(2, 100_000, default=6, whole=True)
     blocks: int = within(1, 1000, default=1, whole=True)
@@ -156,11 +150,12 @@ class MessagesConfig:
     def __post_init__(self) -> None:
         """Check every range."""
         demand_ranges("messages", self)
+        ranges = {item.name: item.metadata for item in fields(self)}
         for name in AXES:
             values = getattr(self, name)
-            low, high = RATIOS if name == "ratio" else (0, MOST_OF_SCENE)
             for value in values:
-                demand_within(f"messages.{name}", value, low, high, above=not low)
+                rules = ranges["at_ratio" if name == "ratio" else "at_distance_m"]
+                demand_declared(f"messages.{name}", value, rules)
             if not all(a < b for a, b in pairwise(values)):
                 raise VoccError.of(f"messages.{name}", values, "ascending")
         if not any(getattr(self, axis) for axis in AXES):
