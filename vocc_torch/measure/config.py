@@ -108,8 +108,10 @@ class Budget:
             if not is_kept:
                 raise VoccError.of(f"budget.{name}", getattr(self, name), rule)
         if share is not None and target is not None:
-            rules = f"budget.precision is {share} and budget.target_frame_errors is {target}"
-            raise VoccError(f"{rules}: give one of them, null for the other")
+            raise VoccError(
+                f"budget.precision is {share} and budget.target_frame_errors is {target}: "
+                "give one of them, null for the other"
+            )
 
     def demand_no_stop_rule(self, why: str) -> None:
         """Refuse a rule that stops before all frames are counted; ``why`` names the task and its reason."""

@@ -252,9 +252,9 @@ class BerTable:
         places = Counter((row.receiver, row.value) for row in self.rows)
         for (name, value), count in places.items():
             if count > 1:
-                why = "a table holds one; give each locator a table of its own"
                 raise VoccError(
-                    f"receiver {name} has two points at {self.axis}={value:g}: {why}"
+                    f"receiver {name} has two points at {self.axis}={value:g}: "
+                    "a table holds one; give each locator a table of its own"
                 )
 
     def _only(self, name: str) -> str:

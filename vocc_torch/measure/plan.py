@@ -237,8 +237,10 @@ class Plan:
         for said, model in models.items():
             if model.ambient_lx.bounds[0] == 0 and world.camera.iso_limits is None:
                 place = said if experiment.axis == "ambient_lx" else list(models)[-1]
-                rule = "it must be above 0, or give camera.iso_limits: auto-ISO has no answer to no light"
-                raise VoccError(f"{place}: {rule}")
+                raise VoccError(
+                    f"{place}: it must be above 0, or give camera.iso_limits: "
+                    "auto-ISO has no answer to no light"
+                )
         frames, target = self.frames_in_point, self.budget.target_frame_errors
         if target is not None and target > frames:
             raise VoccError.of(
@@ -254,8 +256,9 @@ class Plan:
             )
         demand_least("", self, seed=0, batch_frames=1)
         if self.world.panel.shape != self.receiver.reader.shape:
-            once = "give panel.rows and panel.columns once"
-            raise VoccError(f"the receiver and the panel have different shapes: {once}")
+            raise VoccError(
+                "the receiver and the panel have different shapes: give panel.rows and panel.columns once"
+            )
 
     def rows(self) -> dict[float, Self]:
         """Give a plan for each row of the experiment's grid, by its value, held in the scenes.

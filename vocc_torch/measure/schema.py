@@ -253,8 +253,9 @@ def parsed(words: Sequence[str]) -> list[Override]:
         except (HydraException, RecursionError, ValueError):
             key, is_set, value = " ".join(str(word).split()).partition("=")
             text = key.lstrip("+") + is_set + shown(value)[1:-1]
-            rule = "write key=value, a list as [a,b], and quote what is special"
-            raise VoccError(f"{text} cannot be read: {rule}") from None
+            raise VoccError(
+                f"{text} cannot be read: write key=value, a list as [a,b], and quote what is special"
+            ) from None
     return found
 
 

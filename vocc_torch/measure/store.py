@@ -97,8 +97,9 @@ class Store(AbstractContextManager["Store"]):
             for suffix in ("", "-journal", "-wal"):
                 part = path.with_name(path.name + suffix)
                 if part.is_symlink() or (part.exists() and not part.is_file()):
-                    no = "is a link, a folder, a device or a pipe: it must be an ordinary file"
-                    raise VoccError(f"{_shown(part)} {no}")
+                    raise VoccError(
+                        f"{_shown(part)} is a link, a folder, a device or a pipe: it must be an ordinary file"
+                    )
             if exists and 0 < path.stat().st_size < _LEAST_BYTES:
                 raise VoccError(f"{_shown(path)} {_STRANGER}")
             # SQLite would open it read-only.

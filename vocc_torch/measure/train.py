@@ -199,13 +199,16 @@ def train_flda(
         if sum(len(statuses) for _, statuses in samples) < FIGURE_SAMPLES:
             samples.append((features.flatten(0, -2).cpu(), bits.reshape(-1).cpu()))
     if not stream.frames:
-        help_ = "check scene, camera and receiver.location"
-        raise VoccError(f"training found no panel in any of {frames} frames: {help_}")
+        raise VoccError(
+            f"training found no panel in any of {frames} frames: check scene, camera and receiver.location"
+        )
     for status, leds in zip(("Off", "On"), flda.count.tolist(), strict=True):
         if not leds:
-            refusal = f"{stream.frames} with a located panel held no {status} LED"
-            rule = "raise it, or take receiver.locator=truth for panels too small to be found"
-            raise VoccError(f"budget.training_frames is {frames}: {refusal}: {rule}")
+            raise VoccError(
+                f"budget.training_frames is {frames}: "
+                f"{stream.frames} with a located panel held no {status} LED: "
+                "raise it, or take receiver.locator=truth for panels too small to be found"
+            )
     x, bits = (
         torch.cat(parts)[:FIGURE_SAMPLES] for parts in zip(*samples, strict=True)
     )
@@ -379,9 +382,8 @@ def train_classifier(plan: Plan, link: Link, number: int) -> Training:
     try:
         size = len(pickle.dumps(guarded))
     except Exception as error:
-        rule = "it must be possible to pickle it, for other processes"
         raise VoccError(
-            f"classifier {recipe.name}: {rule} ({one_line(error)})"
+            f"classifier {recipe.name}: it must be possible to pickle it, for other processes ({one_line(error)})"
         ) from error
     counted = getattr(guarded.classifier, "parameters_count", None)
     parameters = None if counted is None else int(counted)
