@@ -54,7 +54,7 @@ def describe(apart: Floats, found: Findings) -> None:
     )
     found.say("hardly", when=wide > SETTINGS.wide_gamma)
     place(apart, found)
-    if found.tried("jpeg", found.coded[1], SURROUND.coded):
+    if found.tried("jpeg", found.coded[1], SURROUND.coded_sigmas):
         found.tell("effects.jpeg.quality", found.coded[0], 1.0)
     counts = None if coded else found.curve
     if counts is None:

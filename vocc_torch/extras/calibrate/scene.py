@@ -99,7 +99,7 @@ class Findings:
     @property
     def is_coded(self) -> bool:
         """Whether pictures are coded."""
-        return self.coded[1] > SETTINGS.coded
+        return self.coded[1] > SETTINGS.coded_sigmas
 
     @property
     def loose(self) -> bool:

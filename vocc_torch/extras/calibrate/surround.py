@@ -26,7 +26,7 @@ class SurroundSettings:
     most_loss: float = 0.99  # of the light, in a corner
     far_deviations: float = 9.0  # of the median: a cell farther off is no background
     far_light: float = 0.02  # of the background's light, beside
-    coded: float = 12.0  # criterion of compression from which pictures are coded
+    coded_sigmas: float = 12.0  # of the criterion, from which pictures are coded
     coded_gain: float = 30.0  # that an effect needs in coded pictures
 
 
