@@ -13,7 +13,7 @@ import torch
 from vocc_torch import load_scene
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.detector.judge import Judge
-from vocc_torch.receiver.detector.placer import Placer
+from vocc_torch.receiver.detector.placer import Placer, corner_orders
 from vocc_torch.receiver.detector.scout import Scout
 from vocc_torch.receiver.detector.weights import SHIPPED, Networks, load_networks
 from vocc_torch.receiver.resample import cell_homography, corner_cells
@@ -119,7 +119,7 @@ def test_crops_are_put_back_into_their_frames(tmp_path):
     assert (grey == np.median(grey, axis=(1, 2), keepdims=True)).mean() > 0.8
 
 
-@pytest.mark.parametrize("camera", range(1, len(pool.CAMERAS)))
+@pytest.mark.parametrize("camera", range(1, len(pool.SETTINGS.cameras)))
 def test_each_camera_shows_panels_at_their_corners(camera, tmp_path):
     """A frame's LEDs lie where the corners say, also where pixels were halved."""
     pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "street", 8, 8, camera, 5))
@@ -174,10 +174,10 @@ def test_rows_and_columns_are_told_as_they_are_seen(small_pool):
 
 def test_views_turn_and_mirror_and_keep_rows():
     corners = torch.tensor([[0.0, 0.0], [8, 0], [8, 4], [0, 4]])
-    quads = corners[torch.tensor(sampling.VIEWS)]
+    quads, turned = corners[corner_orders(square=True)].chunk(2)
+    assert torch.equal(quads, corners[corner_orders(square=False)])
     assert ((quads[:, 0] - quads[:, 1]).norm(dim=1) == 8).all()
     assert len({str(quad.tolist()) for quad in quads}) == 4
-    turned = quads[:, sampling.TRANSPOSED]
     assert ((turned[:, 0] - turned[:, 1]).norm(dim=1) == 4).all()
     for some in (quads, turned):
         assert torch.equal(sampling.ordered(some), corners.expand(4, 4, 2))

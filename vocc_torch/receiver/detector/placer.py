@@ -157,9 +157,20 @@ def placed_in_views(
 @torch.inference_mode(False)
 def _views_of_corners(square: bool) -> tuple[Tensor, Tensor]:
     """Give where corners (V,4) of candidates are in the views, and the views' axes (V,2,2) in candidates."""
-    order = views(torch.tensor([[0, 1], [3, 2]]), square).flatten(1)[:, [0, 1, 3, 2]]
+    order = corner_orders(square)
     corners = corner_cells(PanelShape(1, 1))[order]
     return order.argsort(1), corners[:, [1, 3]] - corners[:, :1]
+
+
+def corner_orders(square: bool) -> Tensor:
+    """Give the corners (V,4) of a candidate in the order of each view's.
+
+    Example:
+        >>> corner_orders(square=False).tolist()
+        [[0, 1, 2, 3], [1, 0, 3, 2], [3, 2, 1, 0], [2, 3, 0, 1]]
+    """
+    corners = torch.tensor([[0, 1], [3, 2]])
+    return views(corners, square).flatten(1)[:, [0, 1, 3, 2]]
 
 
 def views(pictures: Tensor, square: bool) -> Tensor:

@@ -36,20 +36,31 @@ class PoolSettings:
     together: float = 0.35  # of their share, in the mean of 3 x 3 random numbers
     least_correlation: float = 0.6  # of a readable panel's bits and its LEDs' grey
     least_spread: float = 2.0  # deviation of its LEDs' grey
+    # Rows and columns of panels that each round has in each scene, and others of which
+    # it has one.
+    common: tuple[tuple[int, int], ...] = ((8, 8), (4, 4))
+    others: tuple[tuple[int, int], ...] = (
+        *((16, 16), (4, 8), (8, 16), (12, 12), (5, 7)),
+        *((6, 6), (8, 32), (32, 32), (5, 5), (4, 5)),
+    )
+    # Cameras of the blocks, in turn: how often frames are halved, which have smaller
+    # pixels before, and overrides of the scene.
+    cameras: tuple[tuple[int, tuple[str, ...]], ...] = (
+        (0, ()),
+        (1, ("++scene.effects.blooming.sigma_px=0.3",)),
+        (0, ("+scene.effects.jpeg.quality=85",)),
+        (1, ("+scene.effects.jpeg.quality=60",)),
+        (
+            0,
+            (
+                "++scene.effects.blooming.sigma_px=0.3",
+                "+scene.effects.jpeg.quality=40",
+            ),
+        ),
+    )
 
 
 SETTINGS = PoolSettings()
-
-CAMERAS: tuple[tuple[int, tuple[str, ...]], ...] = (
-    (0, ()),
-    (1, ("++scene.effects.blooming.sigma_px=0.3",)),
-    (0, ("+scene.effects.jpeg.quality=85",)),
-    (1, ("+scene.effects.jpeg.quality=60",)),
-    (0, ("++scene.effects.blooming.sigma_px=0.3", "+scene.effects.jpeg.quality=40")),
-)
-"""Cameras of the blocks, in turn: how often frames are halved, and overrides of the scene.
-
-Before they are halved, frames have smaller pixels."""
 
 ABSENT = "+scene.effects.panel_absent={}"
 
@@ -63,16 +74,7 @@ SCENES = ("street", "street_night", CLUTTER)
 PLAIN = ("paper", "fog", "tunnel", "night", "low_sun")
 """Scenes of which in each round one has a block."""
 
-COMMON = ((8, 8), (4, 4))
-"""Rows and columns of panels that each round has in each scene."""
-
-OTHERS = (
-    *((16, 16), (4, 8), (8, 16), (12, 12), (5, 7)),
-    *((6, 6), (8, 32), (32, 32), (5, 5), (4, 5)),
-)
-"""Rows and columns of which each round has one in each scene."""
-
-SHAPES = COMMON + OTHERS
+SHAPES = SETTINGS.common + SETTINGS.others
 
 
 class PoolBlock(NamedTuple):
@@ -88,17 +90,17 @@ class PoolBlock(NamedTuple):
 
 def blocks_of(folder: Path, seed: int, rounds: int) -> list[PoolBlock]:
     """List the blocks: in each round two of each scene without a panel, three with, and one plain scene."""
-    blocks = []
+    blocks, common, others = [], SETTINGS.common, SETTINGS.others
     for number in range(rounds):
         plain = PLAIN[number % len(PLAIN)]
-        kinds = [(plain, 0, COMMON[0])]
+        kinds = [(plain, 0, common[0])]
         for place, scene in enumerate(SCENES):
-            other = OTHERS[(len(SCENES) * number + place) % len(OTHERS)]
-            shapes = ((0, 0), (0, 0), *COMMON, other)
+            other = others[(len(SCENES) * number + place) % len(others)]
+            shapes = ((0, 0), (0, 0), *common, other)
             kinds += [(scene, part, sides) for part, sides in enumerate(shapes)]
         for scene, part, sides in kinds:
             path = folder / f"{number:03d}_{scene}_{part}.npz"
-            camera = (number + part) % len(CAMERAS)
+            camera = (number + part) % len(SETTINGS.cameras)
             blocks.append(PoolBlock(path, scene, *sides, camera, seed))
     return blocks
 
@@ -119,9 +121,9 @@ def render(blocks: Sequence[PoolBlock], console: Console) -> None:
 def render_block(block: PoolBlock) -> None:
     """Write the frames of a block, whole or not at all."""
     options = SETTINGS
-    rows, columns = (block.rows, block.columns) if block.rows else COMMON[0]
+    rows, columns = (block.rows, block.columns) if block.rows else options.common[0]
     right, down = options.offset_m
-    halvings, changes = CAMERAS[block.camera]
+    halvings, changes = options.cameras[block.camera]
     camera = Camera()
     width_mm = camera.sensor_width_mm * options.width_px / camera.width_px
     overrides = (

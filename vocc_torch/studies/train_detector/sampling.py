@@ -9,6 +9,7 @@ import torch
 from kornia import augmentation
 from torch import Tensor, nn
 
+from vocc_torch.receiver.detector.placer import corner_orders
 from vocc_torch.receiver.detector.scout import Scout, propose
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.resample import cell_homography, corner_cells, map_cells
@@ -17,35 +18,49 @@ from vocc_torch.types import PanelShape
 
 UNIT = PanelShape(1, 1)
 
-VIEWS = ((0, 1, 2, 3), (2, 3, 0, 1), (1, 0, 3, 2), (3, 2, 1, 0))
-"""Orders of corners in which rows stay rows: turned and mirrored."""
-
-TRANSPOSED = (0, 3, 2, 1)
-"""The order of corners in which rows are columns."""
-
-AUGMENTATION = nn.Sequential(
-    augmentation.RandomGaussianBlur((9, 9), (0.3, 1.6), "replicate", p=0.4),
-    augmentation.RandomSharpness(1.0, p=0.2),
-    augmentation.RandomLinearIllumination((0.01, 0.2), p=0.2),
-    augmentation.RandomContrast((0.5, 1.5)),
-    augmentation.RandomBrightness((0.95, 1.1)),
-    augmentation.RandomGamma((0.45, 0.9), p=0.35),
-    augmentation.RandomGaussianNoise(std=0.004, p=0.65),
-    augmentation.RandomGaussianNoise(std=0.02, p=0.35),
-)
-"""What cameras do to pictures (B,1,H,W) of 0 to 1."""
-
 
 @dataclass(frozen=True)
 class SamplingSettings:
-    """What counts as a candidate, and how often it is seen."""
+    """What counts as a candidate, how often it is seen, and what cameras do to pictures."""
 
     near: float = 0.3  # of a side, corners that a network can move to the panel
     clear: float = 0.6  # of a diagonal, centres farther away are of clutter
     least_weight: float = 0.05  # of unlikely candidates in a draw; likely ones have 1
+    kernel_px: int = 9  # side
+    blur_px: tuple[float, float] = (0.3, 1.6)  # standard deviation
+    blurred: float = 0.4  # share of pictures, as for all that follows
+    sharpness: float = 1.0  # most
+    sharpened: float = 0.2
+    lit: tuple[float, float] = (0.01, 0.2)  # change from side to side; white is 1
+    unevenly_lit: float = 0.2
+    contrast: tuple[float, float] = (0.5, 1.5)  # factor
+    brightness: tuple[float, float] = (0.95, 1.1)  # factor
+    gamma: tuple[float, float] = (0.45, 0.9)
+    other_gamma: float = 0.35
+    noise: float = 0.004  # standard deviation; white is 1
+    noisy: float = 0.65
+    strong_noise: float = 0.02
+    very_noisy: float = 0.35
 
 
 SETTINGS = SamplingSettings()
+
+AUGMENTATION = nn.Sequential(
+    augmentation.RandomGaussianBlur(
+        (SETTINGS.kernel_px, SETTINGS.kernel_px),
+        SETTINGS.blur_px,
+        "replicate",
+        p=SETTINGS.blurred,
+    ),
+    augmentation.RandomSharpness(SETTINGS.sharpness, p=SETTINGS.sharpened),
+    augmentation.RandomLinearIllumination(SETTINGS.lit, p=SETTINGS.unevenly_lit),
+    augmentation.RandomContrast(SETTINGS.contrast),
+    augmentation.RandomBrightness(SETTINGS.brightness),
+    augmentation.RandomGamma(SETTINGS.gamma, p=SETTINGS.other_gamma),
+    augmentation.RandomGaussianNoise(std=SETTINGS.noise, p=SETTINGS.noisy),
+    augmentation.RandomGaussianNoise(std=SETTINGS.strong_noise, p=SETTINGS.very_noisy),
+)
+"""What cameras do to pictures (B,1,H,W) of 0 to 1."""
 
 
 class Found(NamedTuple):
@@ -167,11 +182,11 @@ class Sampler(ABC):
         ]
         quads = torch.cat([self.moved(found, form, rough) for found, rough in drawn])
         found = joined([found for found, _ in drawn])
-        views = torch.tensor(VIEWS)
         transposed = bool(torch.rand(()) < 0.5)
-        if transposed:
-            form, views = form.transposed, views[:, list(TRANSPOSED)]
-        order = views[torch.randint(len(views), (len(quads), 1))]
+        form = form.transposed if transposed else form
+        # Turned and mirrored; in transposed ones rows are columns.
+        orders = corner_orders(square=True).chunk(2)[transposed]
+        order = orders[torch.randint(len(orders), (len(quads), 1))]
         order = order.mT.expand(-1, -1, 2).to(quads.device)
         found = found._replace(truth=found.truth.gather(1, order))
         pictures = self.seen(found, quads.gather(1, order), form)
