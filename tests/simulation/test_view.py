@@ -18,7 +18,6 @@ from vocc_torch.errors import VoccError
 from vocc_torch.simulation import Camera
 from vocc_torch.simulation.effects import Context
 from vocc_torch.simulation.effects.view import (
-    CLOCKWISE,
     LensDistortion,
     Pose,
     View,
@@ -27,6 +26,7 @@ from vocc_torch.simulation.effects.view import (
 )
 from vocc_torch.simulation.raster import ellipse_cover, polygon_cover
 from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.sketch import CLOCKWISE
 from vocc_torch.types import Scene
 
 CAMERA = Camera()
@@ -337,7 +337,7 @@ def test_size_in_px_bounds_every_image_of_the_panel(pose, camera, nearest_m):
     sides_m, half_px = np.array([0.8, 0.4]), np.array(camera.sensor_px)[::-1] / 2
     facing = sides_m * camera.focal_length_px / nearest_m
     bound = np.array(pose.size_in_px(tuple(facing[::-1]), camera, nearest_m))[::-1]
-    rectangle = torch.from_numpy(np.array(CLOCKWISE) * sides_m / 2)
+    rectangle = torch.from_numpy(CLOCKWISE * sides_m / 2)
     for trial in range(16):
         away = nearest_m * (1 + max(0.0, rng.uniform(-1, 1)))
         place = rng.uniform(-1, 1, 2) if trial % 2 else rng.choice([-1, 1], 2)

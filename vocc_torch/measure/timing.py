@@ -19,7 +19,8 @@ import torch
 from vocc_torch.arrays import Floats
 from vocc_torch.measure.estimate import Estimate
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # of malloc.h
+_TRIM_THRESHOLD = -1  # of malloc.h
+_MMAP_THRESHOLD = -3  # of malloc.h
 _CPU_FILE = Path("/proc/cpuinfo")
 """Where Linux names the processor; platform.processor() is empty there."""
 

@@ -33,7 +33,9 @@ COVERED = {
 LETTERS = np.array(list("ABCDEFGHIJKLMNOPRSTUVWXYZ0123456789"))
 
 _CIRCLE = np.stack([f(np.arange(12) * (np.pi / 6)) for f in (np.cos, np.sin)], axis=-1)
-_SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+
+CLOCKWISE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+"""Where a rectangle's corners lie from its middle, ``(x, y)`` in half sides, from the top left."""
 
 
 Sides = float | tuple[float, float]
@@ -99,7 +101,7 @@ class Sketch:
         round: bool,
     ) -> None:
         """Add squares or discs (N,2) of half a side, one number or (N,2)."""
-        shape = _CIRCLE if round else _SQUARE
+        shape = _CIRCLE if round else CLOCKWISE
         halves = np.broadcast_to(np.asarray(half, dtype=np.float64), centres.shape)
         points = centres[:, None] + shape * halves[:, None]
         self.parts.append(

@@ -20,6 +20,7 @@ from vocc_torch.simulation.effects.base import (
     Quantity,
     within,
 )
+from vocc_torch.simulation.sketch import CLOCKWISE
 
 MOST_LAMPS = 1000
 """Most lamps in a frame."""
@@ -293,7 +294,7 @@ def cell_patches(
     Their edges may be curved. ``drawn`` (B,) says which frames have them.
     """
     camera_view, (height, width) = view.view_of(context), size
-    arms_m = leds_m.new_tensor(view.CLOCKWISE) * half_m
+    arms_m = leds_m.new_tensor(CLOCKWISE) * half_m
     squares_m = (leds_m.unsqueeze(1) + arms_m).flatten(-3, -2)
     has_image = camera_view.has_image(squares_m, 0.0)
     corners = camera_view.points_px(

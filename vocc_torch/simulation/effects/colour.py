@@ -34,7 +34,7 @@ WAVELENGTHS_NM: Floats = np.arange(360.0, 781.0)
 LUMA = (0.299, 0.587, 0.114)
 """Weights of ITU-R BT.601."""
 
-LUMA_16 = (19595, 38470, 7471)
+LUMA_16 = tuple(round(weight * (1 << 16)) for weight in LUMA)
 """The same in 65536ths, as Pillow adds whole numbers."""
 
 

@@ -21,6 +21,7 @@ from vocc_torch.simulation.effects.base import (
     within,
 )
 from vocc_torch.simulation.scene import Distribution
+from vocc_torch.simulation.sketch import CLOCKWISE
 from vocc_torch.types import Scene
 
 STEEPEST_DEG = 80.0
@@ -38,9 +39,6 @@ SAMPLES = 1001
 
 TURNED_AXES = ((0, 2), (2, 1), (0, 1))
 """The axes, x, y and z by number, that yaw, pitch and roll turn: the second towards less of the first."""
-
-CLOCKWISE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
-"""Where a rectangle's corners lie from its middle, ``(x, y)`` in half sides, from the top left."""
 
 
 class Pose(Effect, on=Quantity.PLACEMENT):
@@ -357,7 +355,7 @@ def panel_corners_m(panel: LedPanel) -> Tensor:
         [0.24, -0.24]
     """
     cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=torch.float64)
-    return torch.tensor(CLOCKWISE, dtype=torch.float64) * cells * (panel.pitch_m / 2)
+    return torch.from_numpy(CLOCKWISE) * cells * (panel.pitch_m / 2)
 
 
 def placement_m(scene: Scene) -> Tensor:

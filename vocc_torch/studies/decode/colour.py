@@ -1,6 +1,7 @@
 """``decode.channel=auto``: find the mix that parts On from Off; ``unmix``: the colours sent at once."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,15 +18,22 @@ from vocc_torch.studies.decode import CHANNELS
 from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
 from vocc_torch.types import Frames, Panels, PanelShape
 
-SEEN_FRAMES = 4
-"""Frames of a recording that decide for all of it."""
-CLEARLY, ELSEWHERE = 1.2, 2.0
-"""A plane is taken instead of luma where it parts On from Off this many times as far, at its panel or not."""
+
+@dataclass(frozen=True)
+class ColourSettings:
+    """How planes are compared, and colours parted."""
+
+    frames: int = 4  # of a recording that decide for all of it
+    # How many times as far as in luma a plane parts On from Off that is taken instead.
+    clearly: float = 1.2  # at luma's panel
+    elsewhere: float = 2.0  # at another panel
+    rounds: int = 30  # of unmixing, at most
+    # Least singular value of bits of colours that differ, over the root of the rows.
+    least_singular: float = 0.1
+    least_parted: float = 4.0  # of a colour; one level that is split gives up to 3.5
 
 
-# Rounds of unmixing at most; least singular value of bits of colours that differ, over the root of the rows.
-# And how far On and Off of a colour lie apart at least: one level that is split gives up to 3.5.
-_ROUNDS, _LEAST_APART, _CHANCE = 30, 0.1, 4.0
+SETTINGS = ColourSettings()
 
 
 class Mix(NamedTuple):
@@ -128,7 +136,11 @@ def _best(judged: Mapping[Mix, _Judged], shape: PanelShape) -> Mix:
     for mix, (sure, apart, read) in judged.items():
         off_px = (read.corners_px - corners_px).norm(dim=-1).amax(dim=-1)
         same = bool((off_px <= reach_px)[read.found].all())
-        clearly = luma.apart * (CLEARLY if same else ELSEWHERE) * (sure <= luma.sure)
+        clearly = (
+            luma.apart
+            * (SETTINGS.clearly if same else SETTINGS.elsewhere)
+            * (sure <= luma.sure)
+        )
         if sure >= luma.sure and apart >= max(LEAST_PARTED, clearly):
             best = max(best, mix, key=lambda two: judged[two][:2])
     return best
@@ -214,9 +226,12 @@ def unmixed(
     if not len(rows):
         return best, ()
     bits = rows > (rows.amin(0) + rows.amax(0)) / 2
-    for _ in range(_ROUNDS):
+    for _ in range(SETTINGS.rounds):
         told = torch.cat([torch.ones_like(rows[:, :1]), bits.double()], 1)
-        if float(torch.linalg.svdvals(told)[-1]) < _LEAST_APART * len(rows) ** 0.5:
+        if (
+            float(torch.linalg.svdvals(told)[-1])
+            < SETTINGS.least_singular * len(rows) ** 0.5
+        ):
             return best, ()
         light = torch.linalg.lstsq(told, rows, driver="gelsd").solution
         own = torch.linalg.pinv(light[1:])
@@ -232,6 +247,9 @@ def unmixed(
         with torch.inference_mode():
             read = receiver(_plane(receiver, mix, colours), panels)
         # NaN where no panel is found, which is no distance either.
-        if not parted(read.scores, read.bits)[panels.found].mean() >= _CHANCE:
+        if (
+            not parted(read.scores, read.bits)[panels.found].mean()
+            >= SETTINGS.least_parted
+        ):
             return best, ()
     return best, tuple(mixes)

@@ -16,7 +16,7 @@ from vocc_torch.recordings.frames import RecordedFrame, turned
 from vocc_torch.recordings.reading import read_source, readable
 from vocc_torch.recordings.streams import is_stream
 from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.decode.colour import SEEN_FRAMES, Mix, channel_of, unmixed
+from vocc_torch.studies.decode.colour import SETTINGS, Mix, channel_of, unmixed
 from vocc_torch.studies.decode.reading import Reading, is_adjustable, read_panels
 from vocc_torch.studies.decode.shapes import AUTO, ShapeChoice, find_shape
 from vocc_torch.types import PanelShape, resolve_device
@@ -131,7 +131,7 @@ def sized_receiver(
         if name not in SHIPPED:
             rule = "a whole number for a receiver that does not ship"
             raise VoccError.of("panel.rows or panel.columns", AUTO, rule)
-        first = list(islice(recording, SEEN_FRAMES))
+        first = list(islice(recording, SETTINGS.frames))
         recording = chain(first, recording)
         greys = [frame.grey for frame in first]
         choice = find_shape(name, greys, rows or AUTO, columns or AUTO)
@@ -195,7 +195,7 @@ def in_channel(
     """
     if channel not in ("auto", "unmix"):
         return recording, "", ()
-    first = list(islice(recording, SEEN_FRAMES))
+    first = list(islice(recording, SETTINGS.frames))
     every, size = chain(first, recording), first[0].colour.shape
     shown = [frame.colour for frame in first if frame.colour.shape == size]
     if channel == "unmix":

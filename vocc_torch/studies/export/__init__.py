@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from vocc_torch.errors import VoccError, demand_ranges, demand_word, within
 
 POINTS = ("train", "test")
-BLOCK, MOST_SHARD, MOST_FRAMES = 64, 8192, 10_000_000
+BLOCK = 64
+MOST_SHARD = 8192
+MOST_FRAMES = 10_000_000
 
 
 @dataclass
