@@ -23,7 +23,7 @@ from vocc_torch.receiver.locators import detector as locator_file
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import shipped_receiver
 from vocc_torch.recordings.streams import LiveStream
-from vocc_torch.studies.decode.judge import DOUBTFUL_SCORE
+from vocc_torch.studies.decode.judge import LIMITS
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +170,7 @@ def test_what_is_no_panel_is_called_doubtful(decode, model, tmp_path, capsys):
         rows = decode("pictures", f"model={model}")
     assert ", doubtful" in capsys.readouterr().out
     low, *high = (float(row["panel_score"]) for row in rows)
-    assert low < DOUBTFUL_SCORE < min(high)
+    assert low < LIMITS.score < min(high)
 
 
 RECORDINGS = {

@@ -16,11 +16,17 @@ from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
 from vocc_torch.types import Frames, Panels, Scene
 
-MOST_SAMPLES = 1 << 26
-"""Most samples of rectified panels in a batch: 512 MiB where frames are float64."""
 
-MOST_OFF_CELLS = 0.25
-"""How far a located corner may be off, in cells: up to there features belong to the right LED."""
+@dataclass(frozen=True)
+class LinkLimits:
+    """Limits of a batch, and of a corner."""
+
+    most_samples: int = 1 << 26  # of rectified panels: 512 MiB in float64
+    most_off_cells: float = 0.25  # of a corner: features belong to the right LED
+
+
+LIMITS = LinkLimits()
+
 
 T = TypeVar("T")
 
@@ -111,7 +117,7 @@ class Link:
             * (reader.shape.columns + 2)
             * reader.samples_per_led**2
         )
-        self.batch_frames = max(1, min(batch_frames, MOST_SAMPLES // samples))
+        self.batch_frames = max(1, min(batch_frames, LIMITS.most_samples // samples))
 
     @classmethod
     def of(cls, plan: Plan) -> Self:
@@ -204,7 +210,7 @@ def misplaced(
     panels: Panels,
     truth: Panels,
     shape: PanelShape,
-    most_cells: float = MOST_OFF_CELLS,
+    most_cells: float = LIMITS.most_off_cells,
 ) -> torch.Tensor:
     """Say in which frames the panel was missed, or a corner lies too far off.
 

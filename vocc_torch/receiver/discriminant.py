@@ -11,23 +11,27 @@ from torch import Tensor
 from vocc_torch.errors import VoccError, demand_kind, shown
 from vocc_torch.types import Batched, tensor_of
 
-LARGEST = 1e140
-"""Largest feature: the squares of 9e18 of them, as many as can be counted, add up within float64."""
 
-CONDITION_LIMIT = 1e12
-"""Largest condition number of the scaled within-class covariance up to which every direction counts."""
+@dataclass(frozen=True)
+class Limits:
+    """Limits of what features and their statistics say."""
 
-GAP_LIMIT = 1e-6
-"""Smallest share of the means' difference, outside the range of a singular S_w, that counts as separation."""
+    largest: float = 1e140  # feature: the squares of 9e18 of them add up in float64
+    # Largest condition number of the scaled within-class covariance up to which every
+    # direction counts.
+    condition: float = 1e12
+    # Smallest share of the means' difference, outside the range of a singular S_w, that
+    # counts as separation.
+    gap: float = 1e-6
+    # A spread or distance below this multiple of a feature's mean is float64 rounding.
+    rounding: float = 8 * torch.finfo(torch.float64).eps
+    smallest: float = (
+        1e-150  # of a smaller spread or distance the square is beyond float64
+    )
+    block: int = 512  # samples of one matrix product; sums of blocks round less
 
-ROUNDING = 8 * torch.finfo(torch.float64).eps
-"""A spread or a distance below this multiple of a feature's mean is float64 rounding, not signal."""
 
-SMALLEST = 1e-150
-"""A spread or a distance below this counts as none: its square is beyond float64."""
-
-# Samples whose products are summed in one matrix product; blocks are summed after that, which rounds less.
-_BLOCK = 512
+LIMITS = Limits()
 
 
 class FLDAWarning(UserWarning):
@@ -116,11 +120,11 @@ class ClassScatter(Batched):
                 f"bits holds {stray[0].item():g}: each must be 0 (Off) or 1 (On)"
             )
         rows = rows.reshape(-1, n_features)
-        if len(beyond := (~(rows.detach().abs() <= LARGEST)).nonzero()):
+        if len(beyond := (~(rows.detach().abs() <= LIMITS.largest)).nonzero()):
             sample, column = beyond[0].tolist()
             refusal = f"features holds {rows[sample, column]:g} in feature {column} (sample {sample})"
             raise VoccError(
-                f"{refusal}: it must be finite, at most {LARGEST:g} in size"
+                f"{refusal}: it must be finite, at most {LIMITS.largest:g} in size"
             )
         return cls.of_rows(rows, bits.reshape(-1) == 1)
 
@@ -188,7 +192,7 @@ class ClassScatter(Batched):
         """
         if not bool(torch.isfinite(self.gap).all() & torch.isfinite(self.within).all()):
             raise VoccError(
-                f"scatter is not finite: features up to {LARGEST:g} in size are allowed"
+                f"scatter is not finite: features up to {LIMITS.largest:g} in size are allowed"
             )
         if bool((self.count < 0).any()):
             raise VoccError(
@@ -234,8 +238,8 @@ def _moments(rows: Tensor) -> tuple[Tensor, Tensor]:
     centred = relative - relative.mean(dim=0)
     # What is left of the mean is rounding, and refines it.
     mean = first + (relative.mean(dim=0) + centred.mean(dim=0))
-    full = len(rows) // _BLOCK * _BLOCK
-    blocks, tail = centred[:full].reshape(-1, _BLOCK, features), centred[full:]
+    full = len(rows) // LIMITS.block * LIMITS.block
+    blocks, tail = centred[:full].reshape(-1, LIMITS.block, features), centred[full:]
     return mean, (blocks.mT @ blocks).sum(dim=0) + tail.mT @ tail
 
 
@@ -260,13 +264,15 @@ class Discriminant(NamedTuple):
         Features are scaled to unit deviation within the classes. A feature that varies within neither class
         by more than rounding is flat; scaled by the distance between its two values, or constant and without
         weight where that is rounding too. S_w is solved in the basis of its eigenvectors, which autograd
-        takes as fixed. Directions with less than 1 / CONDITION_LIMIT of the largest variance are left out:
+        takes as fixed. Directions with less than 1 / LIMITS.condition of the largest variance are left out:
         where the means differ only in the others this is the least-norm solution. Where the means differ
         along such a direction too, Eq. 13 is infinite along it. There the variance is taken as 1 /
-        CONDITION_LIMIT of the largest: the separating part rules, and scores stay finite.
+        LIMITS.condition of the largest: the separating part rules, and scores stay finite.
         """
         covariance = seen.within / seen.count.double().sum()
-        rounding = (ROUNDING * seen.mean.detach().abs().amax(0)).clamp(min=SMALLEST)
+        rounding = (LIMITS.rounding * seen.mean.detach().abs().amax(0)).clamp(
+            min=LIMITS.smallest
+        )
         spread = covariance.detach().diagonal().sqrt()
         flat = spread <= rounding
         gap = torch.where(flat & (seen.gap.abs() <= rounding), 0.0, seen.gap)
@@ -280,11 +286,11 @@ class Discriminant(NamedTuple):
         within = torch.where(flat[:, None] | flat, 0.0, (within + within.mT) / 2)
 
         values, basis = torch.linalg.eigh(within.detach())
-        floor = values[-1:].clamp(min=1.0) / CONDITION_LIMIT
+        floor = values[-1:].clamp(min=1.0) / LIMITS.condition
         null = values <= floor
         along = basis.mT @ gap[:, None]
         outside = torch.where(null[:, None], along.detach(), 0.0).norm()
-        separated = outside > torch.maximum(GAP_LIMIT * gap.detach().norm(), noise)
+        separated = outside > torch.maximum(LIMITS.gap * gap.detach().norm(), noise)
         system = torch.where(
             null[:, None] | null,
             torch.diag(floor.expand_as(values)),
@@ -333,7 +339,7 @@ def _complaint(gap: Tensor, flat: Tensor, null: Tensor, separated: Tensor) -> st
             )
         if int(null.sum()) > int(flat.sum()):
             reasons.append(
-                f"the features are collinear, condition number above {CONDITION_LIMIT:g}"
+                f"the features are collinear, condition number above {LIMITS.condition:g}"
             )
         huge = "the classes separate without variance, scores are huge"
         outcome = huge if bool(separated) else "least-norm solution"

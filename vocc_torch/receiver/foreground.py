@@ -3,6 +3,8 @@
 Most of a simulated or dark frame has one grey value: that part is read only once.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -11,12 +13,18 @@ from vocc_torch.errors import VoccError
 from vocc_torch.types import Frames
 
 _LEVELS = 256
-TIE_SHARE = 1e-12
-"""Thresholds whose variances differ by less count as equal, because float64 rounds them."""
-LARGE_FRAME_PX = 1 << 16
-"""In smaller frames the search for the uneven box costs more than it saves."""
-WORD_PX = 8
-"""Pixels of a row that are compared in one word."""
+
+
+@dataclass(frozen=True)
+class ForegroundSettings:
+    """How frames are searched for what is uneven."""
+
+    tie: float = 1e-12  # share by which variances differ in float64 that are equal
+    large_px: int = 1 << 16  # in smaller frames the search saves nothing
+    word_px: int = 8  # of a row, compared at once
+
+
+SETTINGS = ForegroundSettings()
 
 
 def extents(lit: Tensor) -> tuple[Tensor, Tensor]:
@@ -52,8 +60,8 @@ def trimmed(frames: Frames) -> Frames:
     """
     grey, (height, width) = frames.grey, frames.grey.shape[-2:]
     complete = frames.surround is None and frames.sensor_px == (height, width)
-    large = height * width >= LARGE_FRAME_PX and len(frames) > 0
-    if not (complete and large and grey.is_cpu) or width % WORD_PX:
+    large = height * width >= SETTINGS.large_px and len(frames) > 0
+    if not (complete and large and grey.is_cpu) or width % SETTINGS.word_px:
         return frames
     planes = np.ascontiguousarray(grey.numpy()[:, 0])
     if (planes[:, 0] != planes[:, 0, :1]).any():
@@ -70,10 +78,10 @@ def trimmed(frames: Frames) -> Frames:
     across, down = max(1, int(wide.max())), max(1, int(high.max()))
     if 2 * across > words.shape[2]:
         return frames
-    left = left.clamp(max=words.shape[2] - across) * WORD_PX
+    left = left.clamp(max=words.shape[2] - across) * SETTINGS.word_px
     top = top.clamp(max=height - down)
     parts = [
-        plane[None, y : y + down, x : x + across * WORD_PX]
+        plane[None, y : y + down, x : x + across * SETTINGS.word_px]
         for plane, x, y in zip(planes, left.tolist(), top.tolist(), strict=True)
     ]
     return Frames(
@@ -189,7 +197,7 @@ def otsu_threshold(histogram: Tensor) -> Tensor:
     # In float64: products of counts may not fit 64 bits.
     between = below.double() * above * apart.square()
     between = torch.where(parts, between, -1.0)
-    best = parts & (between >= between.amax(1, keepdim=True) * (1 - TIE_SHARE))
+    best = parts & (between >= between.amax(1, keepdim=True) * (1 - SETTINGS.tie))
     # One grey value may have all pixels, or nothing have any.
     chosen = torch.where(parts.any(1, keepdim=True), best, counts > 0)
     return (_LEVELS - (chosen * (_LEVELS - levels)).amax(1)) % _LEVELS

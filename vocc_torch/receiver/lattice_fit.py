@@ -7,13 +7,10 @@ import torch
 from torch import Tensor
 
 from vocc_torch.receiver import lattice_model, resample
-from vocc_torch.receiver.lattice_model import MARGIN, SAMPLES, Lattice, Model
+from vocc_torch.receiver.lattice_model import MODEL, Lattice, Model
 from vocc_torch.receiver.levels import GAMMA, grey_values, linear_light, two_levels
 from vocc_torch.receiver.resample import corner_cells, sample_cells
 from vocc_torch.types import Frames, PanelShape
-
-WHITEST_FACE = 1 / 0.18 - 1
-"""Light of a white face above the background, over that of a background of 18 % grey."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +27,8 @@ class FitSettings:
     # Standard deviations of the blur, cells, and of levels and background, white being 1.
     others: tuple[float, ...] = (0.2, 0.2, 0.3, 1.0, 0.02)
     no_face: float = 1e-6  # light of the face of a panel without a face
+    # Light of a white face above the background, over that of a background of 18 % grey.
+    whitest_face: float = 1 / 0.18 - 1
     blur_cells: tuple[float, float] = (0.1, 0.75)  # limits of the blur
     saturated_dn: float = 254.5  # grey value of a saturated pixel
     imputations: int = 16  # rounds in which saturated pixels are estimated
@@ -84,7 +83,7 @@ def fit_lattice(
 def _read(frames: Frames, lattice: Lattice) -> Tensor:
     """Read the frames around the lattices; one that goes twice is read once."""
     corners = lattice.corners_px[: len(frames)]
-    read = lattice_model.read_patches(frames, corners, lattice.shape, MARGIN)
+    read = lattice_model.read_patches(frames, corners, lattice.shape, MODEL.margin)
     return read.expand(len(lattice.blur), -1, -1)
 
 
@@ -116,7 +115,7 @@ def _improved(
     root = trust.sqrt().flatten(1)
     rest = (model.grey - predicted).flatten(1) * root
     jacobian = _changes(model, lattice) * (slope * root)[:, None]
-    variance = (rest.square().mean(1) + lattice_model.ROUNDING_DN**2).double()[:, None]
+    variance = (rest.square().mean(1) + MODEL.rounding_dn**2).double()[:, None]
     curvature = (jacobian @ jacobian.mT).double() / variance[..., None]
     spreads = (*FIT.corners_cells, *FIT.others, face_light)
     expected = torch.tensor(spreads, dtype=torch.float64)
@@ -133,7 +132,9 @@ def _improved(
         lattice.levels + step[:, 10:12],
     )
     background = (lattice.background + step[:, 12]).clamp(0, 1)
-    face = (lattice.face + step[:, 13]).clamp(-background, WHITEST_FACE * background)
+    face = (lattice.face + step[:, 13]).clamp(
+        -background, FIT.whitest_face * background
+    )
     after = replace(
         lattice,
         corners_px=corners_px,
@@ -151,9 +152,9 @@ def _changes(model: Model, lattice: Lattice) -> Tensor:
     A corner field moves the light at each sample along the light's own slope.
     """
     amplitude, box = lattice.amplitudes(), model.box[:, None]
-    down, across = torch.gradient(model.light, spacing=1 / SAMPLES, dim=(1, 2))
+    down, across = torch.gradient(model.light, spacing=1 / MODEL.samples, dim=(1, 2))
     v, u = (
-        sample_cells(leds, SAMPLES, MARGIN).to(amplitude) / leds * 2 - 1
+        sample_cells(leds, MODEL.samples, MODEL.margin).to(amplitude) / leds * 2 - 1
         for leds in lattice.shape.sides
     )
     v, u = torch.meshgrid(v, u, indexing="ij")
@@ -213,8 +214,8 @@ def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
 
 def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
     """Return lattices with bits flipped where that fits the picture better, and which frames (B,) changed."""
-    width = 3 * SAMPLES
-    place = (torch.arange(width, device=model.grey.device) + 0.5) / SAMPLES - 1.5
+    width = 3 * MODEL.samples
+    place = (torch.arange(width, device=model.grey.device) + 0.5) / MODEL.samples - 1.5
     across, down = (
         torch.exp(-((place / one[:, None]) ** 2) / 2)
         for one in lattice.blur.float().unbind(1)
@@ -237,5 +238,5 @@ def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
 
 def _around(plane: Tensor) -> Tensor:
     """Cut the 3 x 3 cells around each LED out of (B,H,W): (B,R,C,3K,3K)."""
-    width = 3 * SAMPLES
-    return plane.unfold(1, width, SAMPLES).unfold(2, width, SAMPLES)
+    width = 3 * MODEL.samples
+    return plane.unfold(1, width, MODEL.samples).unfold(2, width, MODEL.samples)

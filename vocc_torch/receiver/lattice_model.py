@@ -14,16 +14,20 @@ from vocc_torch.receiver.levels import grey_values, linear_light
 from vocc_torch.receiver.resample import corner_cells, map_points, rectify, sample_cells
 from vocc_torch.types import Batched, Frames, Panels, PanelShape
 
-SAMPLES = 4
-"""Samples along an LED cell's side."""
 
-MARGIN = 1
-"""Cells around the panel on which a lattice is fitted."""
+@dataclass(frozen=True)
+class ModelSettings:
+    """How a lattice is compared with a picture."""
 
-# Standard deviation of rounding, DN: no picture fits better.
-ROUNDING_DN = 0.29
-OUTLIER = 3.0
-"""Mean absolute differences at which a squared difference counts by half."""
+    samples: int = 4  # along an LED cell's side
+    margin: int = 1  # cells around the panel
+    rounding_dn: float = 0.29  # standard deviation: no picture fits better
+    outlier: float = 3.0  # mean differences, at which a squared one counts by half
+    # Deviation of the face's edge over that of a spot, which has its LED's size in it.
+    edge: float = 0.7
+
+
+MODEL = ModelSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +93,10 @@ class Lattice(Batched):
 def read_patches(
     frames: Frames, corners_px: Tensor, shape: PanelShape, margin: int
 ) -> Tensor:
-    """Resample grey values around the panel, (B,(R+2m)K,(C+2m)K) float32 with K = ``SAMPLES``."""
-    return rectify(frames, Panels.known(corners_px), shape, SAMPLES, margin=margin)[
-        :, 0
-    ].float()
-
-
-EDGE_OF_BLUR = 0.7
-"""Standard deviation of the face's blurred edge over that of a spot, which has its LED's size in it."""
+    """Resample grey values around the panel, (B,(R+2m)K,(C+2m)K) float32 with K = ``MODEL.samples``."""
+    return rectify(
+        frames, Panels.known(corners_px), shape, MODEL.samples, margin=margin
+    )[:, 0].float()
 
 
 class Profiles(NamedTuple):
@@ -119,7 +119,7 @@ class Profiles(NamedTuple):
         width = blur.float()[:, None, None]
         offset = (samples[:, None] - middles) / width
         spots = torch.exp(-(offset**2) / 2)
-        edge = EDGE_OF_BLUR * width[..., 0]
+        edge = MODEL.edge * width[..., 0]
         rise, fall = (torch.special.ndtr((samples - end) / edge) for end in (0, leds))
         return cls(spots, spots * offset**2 / width, rise - fall)
 
@@ -128,7 +128,7 @@ class Profiles(NamedTuple):
 @torch.inference_mode(False)
 def _places(leds: int, device: torch.device) -> list[Tensor]:
     """Return an axis's samples (N,) and the middles of its spots (n,), cells, float32."""
-    places = sample_cells(leds, SAMPLES, MARGIN), sample_cells(leds, 1, 0)
+    places = sample_cells(leds, MODEL.samples, MODEL.margin), sample_cells(leds, 1, 0)
     return [place.float().to(device) for place in places]
 
 
@@ -178,7 +178,7 @@ class Model(NamedTuple):
         Cauchy's weights, of which a squared difference loses half at three mean absolute ones.
         """
         rest = (self.grey - self.predicted).abs()
-        scale = OUTLIER * rest.mean((1, 2), keepdim=True) + 1.0
+        scale = MODEL.outlier * rest.mean((1, 2), keepdim=True) + 1.0
         return 1 / (1 + (rest / scale) ** 2)
 
     def scored(self, lattice: Lattice, trust: Tensor) -> Lattice:
@@ -193,7 +193,7 @@ class Model(NamedTuple):
         both = torch.stack([*weighed, rest.mean((1, 2)), spread.mean((1, 2))]).to(
             torch.float64
         )
-        shares = 1 - both[::2] / both[1::2].clamp(min=ROUNDING_DN**2)
+        shares = 1 - both[::2] / both[1::2].clamp(min=MODEL.rounding_dn**2)
         return replace(
             lattice, rms_dn=both[0].sqrt(), share=shares[0], share_of_all=shares[1]
         )
@@ -239,7 +239,10 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
     centre = leds / 2 + s + p * (sample_cells(leds, 1, 0) - leds / 2)
     spots = torch.exp(
         -(
-            ((sample_cells(leds, SAMPLES, SEARCH.margin)[:, None] - centre) / (g * p))
+            (
+                (sample_cells(leds, MODEL.samples, SEARCH.margin)[:, None] - centre)
+                / (g * p)
+            )
             ** 2
         )
         / 2

@@ -15,11 +15,26 @@ from vocc_torch.simulation.effects import Context, Effect, view
 from vocc_torch.simulation.raster import Size as Size
 from vocc_torch.types import Batched, Scene
 
-LARGEST_LED_PX = 100_000
-"""Widest image of an LED on offer: its cover of a pixel is then within 5e-6 of the exact one."""
 
-FARTHEST_PX = 1e12
-"""Farthest from the sensor's middle that a panel's image may reach: float64 places it within 1e-4 px."""
+@dataclass(frozen=True)
+class FramingSettings:
+    """What is rendered at a time, and what is refused."""
+
+    most_led_px: int = 100_000  # its cover of a pixel is within 5e-6 of the exact one
+    farthest_px: float = 1e12  # from the middle: float64 places it within 1e-4 px
+    window_grid_px: int = 8  # of windows' edges: JPEG's blocks, Bayer's cells
+    # Of a frame or crop: a 50-megapixel camera's. Such frames are drawn one at a time;
+    # each pixel takes 50 to 100 bytes, the largest frame up to 7 GB.
+    most_pixels: int = 1 << 26
+    size_step: float = 1.2  # ratio of distances drawn in crops of one size
+    # Rendered at a time. Planes that outgrow the cache are slower, from 32 MiB on
+    # several times; on a GPU a part costs the host the same calls, however large it is.
+    chunk_pixels: int = 600_000
+    device_pixels: int = 8_000_000
+    part_frames: int = 32  # of several distances, in crops of one size
+
+
+SETTINGS = FramingSettings()
 
 
 def demand_led_px(widest_px: float, distance_m: float) -> None:
@@ -28,10 +43,10 @@ def demand_led_px(widest_px: float, distance_m: float) -> None:
     Raises:
         VoccError: one wider than 100000 px.
     """
-    if not widest_px <= LARGEST_LED_PX:
+    if not widest_px <= SETTINGS.most_led_px:
         raise VoccError(
             f"scene.distance_m is {distance_m:g}: "
-            f"it must leave an LED's image at most {LARGEST_LED_PX} px wide, and this is {widest_px:g}"
+            f"it must leave an LED's image at most {SETTINGS.most_led_px} px wide, and this is {widest_px:g}"
         )
 
 
@@ -47,7 +62,9 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
     farthest = (
         torch.maximum(scene.offset_x_m.abs(), scene.offset_y_m.abs()) + half_m
     ) * scale
-    if not bool(((widest <= LARGEST_LED_PX) & (farthest <= FARTHEST_PX)).all()):
+    if not bool(
+        ((widest <= SETTINGS.most_led_px) & (farthest <= SETTINGS.farthest_px)).all()
+    ):
         near = int(widest.argmax())
         demand_led_px(float(widest[near]), float(scene.distance_m[near]))
         far = int(farthest.argmax())
@@ -56,7 +73,7 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
             f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names
         )
         raise VoccError(
-            f"{values}: the panel's image must lie within {FARTHEST_PX:g} px, "
+            f"{values}: the panel's image must lie within {SETTINGS.farthest_px:g} px, "
             f"and this reaches {float(farthest[far]):g}"
         )
 
@@ -71,28 +88,6 @@ def panel_corners_px(scene: Scene, camera: Camera, panel: LedPanel) -> Tensor:
     """
     camera_view = view.view_of(Context(scene, camera, panel=panel))
     return camera_view.points_px(view.panel_corners_m(panel))
-
-
-WINDOW_GRID_PX = 8
-"""Where windows begin and end on sensors whose sides are multiples of it: JPEG's blocks, Bayer's cells."""
-
-MOST_PIXELS = 1 << 26
-"""Most pixels of a frame or crop: a 50-megapixel camera's and 8K video's.
-
-Frames of such a size are drawn one at a time; each pixel takes 50 to 100 bytes, the largest up to 7 GB.
-"""
-
-SIZE_STEP = 1.2
-"""Ratio of the distances between which all panels are drawn in crops of one size."""
-
-CHUNK_PIXELS = 600_000
-"""Pixels rendered at a time: planes that outgrow the cache are slower, from 32 MiB on several times."""
-
-DEVICE_PIXELS = 8_000_000
-"""Pixels rendered at a time on a GPU: a part costs the host the same calls, however many frames it has."""
-
-PART_FRAMES = 32
-"""Frames of several distances that are drawn in crops of one size."""
 
 
 def crop_size_px(
@@ -137,7 +132,10 @@ def crop_size_px(
             size = effect.size_in_px(size, camera, nearest_m)
             effect_reach = effect.reach_in_px(camera, nearest_m)
         reach += whole_number(
-            f"scene.effects.{effect.name}.reach_in_px", effect_reach, 0, MOST_PIXELS
+            f"scene.effects.{effect.name}.reach_in_px",
+            effect_reach,
+            0,
+            SETTINGS.most_pixels,
         )
     margin, sides = 2 * reach, zip(size, camera.sensor_px, strict=True)
     height, width = (
@@ -156,10 +154,10 @@ def demand_pixels(size: Size) -> None:
         >>> demand_pixels((6144, 8192))
     """
     height, width = size
-    if height * width > MOST_PIXELS:
+    if height * width > SETTINGS.most_pixels:
         raise VoccError(
             f"camera.width_px and camera.height_px lead to frames of {width} x {height} px: "
-            f"they must hold at most {MOST_PIXELS} pixels ("
+            f"they must hold at most {SETTINGS.most_pixels} pixels ("
             "give a smaller camera, or framing=crop, which draws the panel's surroundings only)"
         )
 
@@ -171,7 +169,7 @@ def window_size_px(crop_px: Size, sensor_px: Size) -> Size:
         >>> window_size_px((71, 71), (1080, 1920)), window_size_px((71, 71), (1080, 1919))
         ((80, 80), (80, 1919))
     """
-    grid, sides = WINDOW_GRID_PX, zip(crop_px, sensor_px, strict=True)
+    grid, sides = SETTINGS.window_grid_px, zip(crop_px, sensor_px, strict=True)
     height, width = (
         full if full % grid else min(full, grid * (-(-side // grid) + 1))
         for side, full in sides
@@ -354,9 +352,11 @@ def drawn_by_distance(
     """
     distance_m = torch.where(apart, 0.0, batch.context.scene.distance_m)
     sorted_m, order = distance_m.sort(descending=True, stable=True)
-    most = (CHUNK_PIXELS if on_host else DEVICE_PIXELS) // math.prod(drawn_px)
-    if on_host and sorted_m[0] > SIZE_STEP * sorted_m[-1]:
-        most = min(most, PART_FRAMES)
+    most = (SETTINGS.chunk_pixels if on_host else SETTINGS.device_pixels) // math.prod(
+        drawn_px
+    )
+    if on_host and sorted_m[0] > SETTINGS.size_step * sorted_m[-1]:
+        most = min(most, SETTINGS.part_frames)
     drawn = []
     for frames in torch.split(order, max(1, most)):
         nearest_m, size = float(distance_m[frames[-1]]), batch.size

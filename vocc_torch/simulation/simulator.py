@@ -281,7 +281,7 @@ class Simulator:
             size = self.crop_px(nearest if nearest_m is None else nearest_m)
             size = framing.window_size_px(size, sensor) if window else size
         framing.demand_pixels(sensor if full_frame else size)
-        grid_px = framing.WINDOW_GRID_PX if window else 1
+        grid_px = framing.SETTINGS.window_grid_px if window else 1
         batch = framing.Batch.around(
             self._context(scene, keys), bits.cpu(), size, grid_px=grid_px
         )

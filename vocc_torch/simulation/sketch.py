@@ -18,11 +18,18 @@ from vocc_torch.arrays import Bools, Floats, Integers, Singles
 
 Part = tuple[Floats, Floats]
 
-TILE_PX = 128
-"""Side of the squares of the sensor that are drawn by themselves."""
 
-FINENESS = (15_000, 60_000)
-"""Up to so many pixels of a thing each side is drawn 4 and 3 times finer, and 2 times beyond."""
+@dataclass(frozen=True)
+class SketchSettings:
+    """How finely things are drawn."""
+
+    tile_px: int = 128  # side of the squares of the sensor that are drawn by themselves
+    # A thing's pixels each side, up to which it is drawn 4 and 3 times finer; 2 beyond.
+    finest_px: tuple[int, int] = (15_000, 60_000)
+
+
+SETTINGS = SketchSettings()
+
 
 COVERED = {
     n: (np.rint(np.arange(256) * (n * n / 255)) / (n * n)).astype(np.float32)
@@ -223,7 +230,7 @@ class Drawing:
         if not np.isfinite(flat).all():
             return None
         pixels = np.prod(np.subtract(*_extent(flat)))
-        fine = 4 - int(np.searchsorted(FINENESS, pixels))
+        fine = 4 - int(np.searchsorted(SETTINGS.finest_px, pixels))
         sides = np.concatenate(
             [np.full(len(points), points.shape[1]) for points, _ in parts]
         )
@@ -295,21 +302,21 @@ def composed(things: Iterable[Drawing], window: Window) -> Picture:
     """
     begin, end = np.reshape(window, (2, 2))
     # A patch begins at a corner of its tile or of its thing, whatever the window, and so is the same in all.
-    start = begin - begin % TILE_PX
+    start = begin - begin % SETTINGS.tile_px
     width, height = end - start
     keep = np.ones((height, width), np.float32)
     added = np.zeros((height, width), np.float32)
     for thing in things:
         last, first = thing.extent
         touched = (
-            np.maximum(first, begin) // TILE_PX,
-            -(-np.minimum(last, end) // TILE_PX),
+            np.maximum(first, begin) // SETTINGS.tile_px,
+            -(-np.minimum(last, end) // SETTINGS.tile_px),
         )
         for tile in np.ndindex(*(touched[1] - touched[0]).clip(min=0)):
-            corner = (touched[0] + tile) * TILE_PX
+            corner = (touched[0] + tile) * SETTINGS.tile_px
             patch_px = np.maximum(corner, first)
             patch = thing.patch(
-                patch_px, np.minimum(np.minimum(corner + TILE_PX, end), last)
+                patch_px, np.minimum(np.minimum(corner + SETTINGS.tile_px, end), last)
             )
             if patch is None:
                 continue

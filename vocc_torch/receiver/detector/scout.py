@@ -15,20 +15,13 @@ from vocc_torch.receiver.detector.layers import convolution
 from vocc_torch.receiver.detector.pyramid import Pyramid, gate
 from vocc_torch.types import PanelShape
 
-SIZES = (5.6, 11.3)
-"""LEDs along a side at which small, middle and large panels part."""
-
-SCORES = len(SIZES) + 1
-"""A score for each size of panels."""
-
-OUTPUTS = SCORES + 8
-"""Scores and the moves of four corners."""
-
 
 @dataclass(frozen=True)
 class ScoutSettings:
     """What the scout gives."""
 
+    # LEDs along a side at which small, middle and large panels part.
+    sizes: tuple[float, ...] = (5.6, 11.3)
     stride_px: int = 8  # between its outputs
     unit_px: float = 16.0  # of the corners that it gives
     peak_cells: int = 3  # a candidate is the best of so many outputs a side
@@ -43,6 +36,12 @@ class ScoutSettings:
 
 
 SETTINGS = ScoutSettings()
+
+SCORES = len(SETTINGS.sizes) + 1
+"""A score for each size of panels."""
+
+OUTPUTS = SCORES + 8
+"""Scores and the moves of four corners."""
 
 
 class Scout(nn.Module):
@@ -105,7 +104,7 @@ def size_of(shape: PanelShape) -> int:
         >>> [size_of(PanelShape(*sides)) for sides in ((4, 4), (4, 8), (8, 8), (8, 16))]
         [0, 1, 1, 2]
     """
-    return sum(math.sqrt(shape.leds) >= side for side in SIZES)
+    return sum(math.sqrt(shape.leds) >= side for side in SETTINGS.sizes)
 
 
 class Peaks(NamedTuple):

@@ -1,5 +1,7 @@
 """From the sensor's readings to the picture that is written: demosaicing, clipping, rounding and JPEG."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from kornia.color import CFA, raw_to_rgb, rgb_to_grayscale, ycbcr_to_rgb
@@ -25,16 +27,20 @@ from vocc_torch.simulation.sketch import letters_mask, words_of
 PATTERNS = {(0, 0): CFA.BG, (1, 0): CFA.GB, (0, 1): CFA.GR, (1, 1): CFA.RG}
 """Kornia's names of how a frame's pattern begins, by the parity of its origin: red lies at even and even."""
 
-CELL_PX = 2
-MOSAIC_ROWS = 64
-"""Rows demosaiced at a time, whole cells: their working arrays stay in the processor's cache."""
 
-JPEG_BLOCK_PX = 8
-JPEG_ROWS = 128
-"""Rows coded at a time, whole blocks; with ``JPEG_PIXELS`` their working arrays stay in the cache."""
+@dataclass(frozen=True)
+class CodingSettings:
+    """How much is demosaiced and coded at a time: working arrays stay in the cache."""
 
-JPEG_PIXELS = 131_072
-"""Pixels coded at a time, of as many frames as that is."""
+    cell_px: int = 2  # of colour filters
+    mosaic_rows: int = 64  # whole cells
+    jpeg_block_px: int = 8
+    jpeg_rows: int = 128  # whole blocks
+    jpeg_pixels: int = 131_072  # of as many frames as that is
+
+
+SETTINGS = CodingSettings()
+
 
 NEUTRAL = 128 / 255
 """The chroma that the codec takes for none."""
@@ -71,15 +77,18 @@ class Demosaicing(Effect, on=Quantity.EXPOSURE):
             VoccError: a sensor without a whole cell of 2 x 2 pixels.
         """
         for name in ("width_px", "height_px"):
-            if getattr(context.camera, name) < CELL_PX:
+            if getattr(context.camera, name) < SETTINGS.cell_px:
                 raise VoccError(
                     f"camera.{name} is {getattr(context.camera, name)}: "
-                    f"it must be at least {CELL_PX}: scene.effects.demosaicing reads cells of 2 x 2 pixels"
+                    f"it must be at least {SETTINGS.cell_px}: scene.effects.demosaicing reads cells of 2 x 2 pixels"
                 )
         raw = value.double()
         if filters := of_kind(context.effects, Bayer):
             raw = raw / filters.filters(raw, context)
-        phases = [(x % CELL_PX, y % CELL_PX) for x, y in context.first_px.tolist()]
+        phases = [
+            (x % SETTINGS.cell_px, y % SETTINGS.cell_px)
+            for x, y in context.first_px.tolist()
+        ]
         coloured = context.channel is None and {"colour", "bayer"} <= {
             effect.name for effect in context.effects
         }
@@ -100,15 +109,19 @@ def demosaiced(raw: Tensor, pattern: CFA, coloured: bool) -> Tensor:
     """
     height, width = raw.shape[-2:]
     strips = []
-    for top in range(0, height, MOSAIC_ROWS):
-        above = min(top, CELL_PX)
-        strip = raw[..., top - above : top + MOSAIC_ROWS + CELL_PX, :]
+    for top in range(0, height, SETTINGS.mosaic_rows):
+        above = min(top, SETTINGS.cell_px)
+        strip = raw[..., top - above : top + SETTINGS.mosaic_rows + SETTINGS.cell_px, :]
         even = nn.functional.pad(
-            strip, (0, width % CELL_PX, 0, strip.shape[-2] % CELL_PX), mode="reflect"
+            strip,
+            (0, width % SETTINGS.cell_px, 0, strip.shape[-2] % SETTINGS.cell_px),
+            mode="reflect",
         )
         rgb = raw_to_rgb(even, pattern)
         grey = (rgb if coloured else rgb_to_grayscale(rgb))[..., :width]
-        strips.append(grey[..., above : above + min(MOSAIC_ROWS, height - top), :])
+        strips.append(
+            grey[..., above : above + min(SETTINGS.mosaic_rows, height - top), :]
+        )
     return torch.cat(strips, dim=-2)
 
 
@@ -266,9 +279,9 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
             VoccError: crops off the grid of blocks.
         """
         for at in context.first_px.tolist():
-            if at[0] % JPEG_BLOCK_PX or at[1] % JPEG_BLOCK_PX:
+            if at[0] % SETTINGS.jpeg_block_px or at[1] % SETTINGS.jpeg_block_px:
                 raise VoccError(
-                    f"scene.effects.jpeg got a crop at {at}, off the grid of {JPEG_BLOCK_PX} px"
+                    f"scene.effects.jpeg got a crop at {at}, off the grid of {SETTINGS.jpeg_block_px} px"
                 )
         height, width = value.shape[-2:]
         coded = torch.empty_like(value)
@@ -278,12 +291,14 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
         # the luma. So the strips are tinted to the chroma that the codec takes for none.
         neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=value.device)
         tint = (ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5) * (not coloured)
-        several = max(1, JPEG_PIXELS // (min(height, JPEG_ROWS) * width))
+        several = max(
+            1, SETTINGS.jpeg_pixels // (min(height, SETTINGS.jpeg_rows) * width)
+        )
         for first in range(0, len(value), several):
-            for top in range(0, height, JPEG_ROWS):
+            for top in range(0, height, SETTINGS.jpeg_rows):
                 frames, rows = (
                     slice(first, first + several),
-                    slice(top, top + JPEG_ROWS),
+                    slice(top, top + SETTINGS.jpeg_rows),
                 )
                 strip = value[frames, :, rows].float() / 255.0 + tint
                 light = jpeg_codec_differentiable(strip, quality)

@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -11,15 +12,18 @@ from torch import Tensor, nn
 from vocc_torch.errors import VoccError
 from vocc_torch.simulation import raster
 
-REACH_IN_LAMBDA_N = 40.5
-"""Radius of the circle that holds 99.5 % of the light, in wavelengths times f-number."""
+
+@dataclass(frozen=True)
+class KernelSettings:
+    """Sizes of kernels and of working arrays."""
+
+    lambda_n: float = 40.5  # wavelengths times f-number: radius of 99.5 % of the light
+    most_px: int = 128  # half a width; the work grows with its square
+    strip_values: int = 2_000_000  # larger frames are convolved in strips
 
 
-MOST_REACH_PX = 128
-"""Half width of the widest kernel on offer; the work grows with its square."""
+KERNELS = KernelSettings()
 
-STRIP_VALUES = 2_000_000
-"""Numbers in a working array; larger frames are convolved in strips of columns."""
 
 Tap = tuple[int, int, float]
 """Row, column and weight of a kernel's tap; its mirror image through the middle has the same weight."""
@@ -35,10 +39,10 @@ def checked_reach(reach_px: float, cause: str) -> int:
         >>> checked_reach(3, "scene.effects.defocus.focus_distance_m is 2")
         3
     """
-    if not reach_px <= MOST_REACH_PX:
+    if not reach_px <= KERNELS.most_px:
         raise VoccError(
             f"{cause}: it spreads light over {reach_px:.0f} px on each side, "
-            f"at most {MOST_REACH_PX} px is offered"
+            f"at most {KERNELS.most_px} px is offered"
         )
     return int(reach_px)
 
@@ -86,7 +90,7 @@ def convolve_symmetric(plane: Tensor, quarter: Tensor) -> Tensor:
     if reach == 0:
         return plane * quarter[0, 0]
     padded = bordered(plane, reach, reach)
-    step = max(STRIP_VALUES // ((reach + 1) * len(padded)), reach + 1)
+    step = max(KERNELS.strip_values // ((reach + 1) * len(padded)), reach + 1)
     strips = [
         convolve_strip(padded[:, left : left + step + 2 * reach], quarter, reach)
         for left in range(0, plane.shape[1], step)

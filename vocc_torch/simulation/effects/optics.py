@@ -11,7 +11,7 @@ from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation.effects.base import Context, Effect, Quantity, within
 from vocc_torch.simulation.effects.kernels import (
-    REACH_IN_LAMBDA_N,
+    KERNELS,
     airy_quarter,
     checked_reach,
     convolve_symmetric,
@@ -245,7 +245,7 @@ class Diffraction(Effect, on=Quantity.EXPOSURE):
         Raises:
             VoccError: a half width above 128 px.
         """
-        reach = max(0, math.ceil(REACH_IN_LAMBDA_N * self._lambda_n_px(camera) - 0.5))
+        reach = max(0, math.ceil(KERNELS.lambda_n * self._lambda_n_px(camera) - 0.5))
         return checked_reach(
             reach,
             (

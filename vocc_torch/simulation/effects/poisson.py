@@ -1,22 +1,25 @@
 """Poisson numbers from normal ones."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from scipy import special
 
 from vocc_torch.arrays import Floats
 
-FEW = 3.0
-"""Below this mean the counts are summed up one by one; from it on they are expanded in the normal number."""
 
-THIRD_ORDER = 0.0125
-"""Bound on the expansion's error over its size cubed: 0.0081 at every size."""
+@dataclass(frozen=True)
+class PoissonSettings:
+    """Where counts are summed, where expanded, and how far."""
 
-MOST_STEPS = 64
-"""Counts by which an expansion may be off: at a mean of 3 and 7 standard deviations it is off by 20."""
+    few: float = 3.0  # least mean from which counts are expanded in the normal number
+    third_order: float = 0.0125  # bounds the error over the size cubed, 0.0081
+    most_steps: int = 64  # an expansion is off by 20 at a mean of 3 and 7 deviations
+    most_of_few: int = 32  # exceeded with a probability of 4e-23
 
-MOST_OF_FEW = 32
-"""A Poisson number with a mean below ``FEW`` exceeds this with a probability of 4e-23."""
+
+SETTINGS = PoissonSettings()
 
 
 def poisson_quantile(mean: Floats, normal: Floats) -> Floats:
@@ -45,12 +48,12 @@ def poisson_quantile(mean: Floats, normal: Floats) -> Floats:
         [0.0, 1.0, 100.0, 999000.0]
     """
     shape, mean, normal = mean.shape, mean.ravel(), normal.ravel()
-    few = mean < FEW
+    few = mean < SETTINGS.few
     count = np.count_nonzero(few)
     if count in (0, few.size):  # no copies
         return (_summed if count else _expanded)(mean, normal).reshape(shape)
     if 2 * count < few.size:  # quicker for all than for a choice of them
-        counts = _expanded(np.maximum(mean, FEW), normal)
+        counts = _expanded(np.maximum(mean, SETTINGS.few), normal)
     else:
         counts = np.empty_like(mean)
         counts[~few] = _expanded(mean[~few], normal[~few])
@@ -59,7 +62,7 @@ def poisson_quantile(mean: Floats, normal: Floats) -> Floats:
 
 
 def _expanded(mean: Floats, normal: Floats) -> Floats:
-    """Quantiles of means from ``FEW`` on, (N,): to third order, and exactly where that leaves a doubt."""
+    """Quantiles of means from ``SETTINGS.few`` on, (N,): to third order, and exactly where that leaves a doubt."""
     root = np.sqrt(mean)
     square = normal * normal
     size = (1.0 + 0.5 * square) / root
@@ -67,12 +70,12 @@ def _expanded(mean: Floats, normal: Floats) -> Floats:
     exact += 2.0 / 135.0 * size * size - size / (81.0 * root) - 1.0 / (45.0 * mean)
     counts, nearest = np.floor(exact), np.rint(exact)
     doubtful = np.flatnonzero(
-        np.abs(exact - nearest) < THIRD_ORDER * (size * size * size)
+        np.abs(exact - nearest) < SETTINGS.third_order * (size * size * size)
     )
     mean = mean[doubtful]
     count = np.maximum(nearest[doubtful], 0.0)
     target = special.ndtr(normal[doubtful])
-    for _ in range(MOST_STEPS if doubtful.size else 0):
+    for _ in range(SETTINGS.most_steps if doubtful.size else 0):
         # Walk to the least count whose distribution function reaches the target.
         short = special.pdtr(count, mean) < target
         beyond = (count > 0) & (
@@ -86,12 +89,12 @@ def _expanded(mean: Floats, normal: Floats) -> Floats:
 
 
 def _summed(mean: Floats, normal: Floats) -> Floats:
-    """Quantiles of means below ``FEW``, (N,): add up the probabilities of 0, 1, 2, ..."""
+    """Quantiles of means below ``SETTINGS.few``, (N,): add up the probabilities of 0, 1, 2, ..."""
     # Two to three times as fast as NumPy's and SciPy's; less exact far below 0.05, the least chance of a 0.
     target: Floats = torch.special.ndtr(torch.tensor(normal)).numpy()
     term: Floats = torch.from_numpy(-mean).exp_().numpy()
     total, counts = term.copy(), np.zeros(mean.shape)
-    for count in range(1, MOST_OF_FEW + 1):
+    for count in range(1, SETTINGS.most_of_few + 1):
         short = total < target
         if not short.any():
             break

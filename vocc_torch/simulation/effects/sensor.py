@@ -8,6 +8,7 @@ that the full frame has there, for the price of the tiles that it touches.
 import functools
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -167,11 +168,17 @@ TILE = TILE_PX, TILE_PX
 DrawTile = Callable[[int, int, int], Numbers]
 """Gives the tile of a row and a column of tiles, down to so many of its rows."""
 
-PART_VALUES = 1 << 17
-"""Numbers that are counted at a time, so that the working arrays stay in the cache."""
 
-MOST_TILES = 1024
-"""Tiles of patterns that are held, 64 KiB each: of a full-HD sensor 135 a pattern and channel."""
+@dataclass(frozen=True)
+class TileSettings:
+    """Sizes of what is drawn at a time."""
+
+    part_values: int = 1 << 17  # counted at a time, so that they stay in the cache
+    # Kept tiles of patterns, 64 KiB each: of a full-HD sensor 135 a pattern and channel.
+    most_tiles: int = 1024
+
+
+SETTINGS = TileSettings()
 
 
 class ElectronNoise(Effect, on=Quantity.ELECTRONS):
@@ -248,7 +255,7 @@ class SensorPattern(ElectronNoise):
         )
 
 
-@functools.lru_cache(MOST_TILES)
+@functools.lru_cache(SETTINGS.most_tiles)
 def pattern_tile(pattern: SensorPattern, seed: int, place: str) -> Singles:
     """Draw one tile of a pattern, which never changes in a run."""
     return pattern.tile(sensor_generator(seed, place))
@@ -391,7 +398,7 @@ class ShotNoise(ElectronNoise):
             )
         normals = self.normals(value, context, np.float64)
         parts = (
-            np.array_split(plane.ravel(), -(-plane.size // PART_VALUES))
+            np.array_split(plane.ravel(), -(-plane.size // SETTINGS.part_values))
             for plane in (means, normals)
         )
         counts = np.concatenate([*map(poisson_quantile, *parts)])

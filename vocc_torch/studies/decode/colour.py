@@ -15,7 +15,7 @@ from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.resample import cell_size_px, rectify
 from vocc_torch.recordings.frames import to_grey
 from vocc_torch.studies.decode import CHANNELS
-from vocc_torch.studies.decode.judge import LEAST_PARTED, is_doubtful, parted
+from vocc_torch.studies.decode.judge import LIMITS, is_doubtful, parted
 from vocc_torch.types import Frames, Panels, PanelShape
 
 
@@ -141,7 +141,7 @@ def _best(judged: Mapping[Mix, _Judged], shape: PanelShape) -> Mix:
             * (SETTINGS.clearly if same else SETTINGS.elsewhere)
             * (sure <= luma.sure)
         )
-        if sure >= luma.sure and apart >= max(LEAST_PARTED, clearly):
+        if sure >= luma.sure and apart >= max(LIMITS.least_parted, clearly):
             best = max(best, mix, key=lambda two: judged[two][:2])
     return best
 

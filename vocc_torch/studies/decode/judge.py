@@ -1,38 +1,47 @@
 """Criteria for doubtful readings."""
 
+from dataclasses import dataclass
+
 import torch
 
 from vocc_torch.receiver.calibration import APPEARANCE
 from vocc_torch.receiver.receiver import Decoded
 
-DOUBTFUL_SCORE = 0.6
-"""Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty scores less than this."""
-DOUBTFUL_MARGIN = 0.15
-"""Smallest margin of an LED, as a share of the mean margin."""
-DOUBTFUL_PARTED = 5.0
-"""By :func:`parted`: with both limits 33 of the 46 panels that are marked have wrong bits
-(``pytest -m slow -rP tests/studies/decode/test_judge.py``)."""
-LEAST_PARTED = 6.0
-"""By :func:`parted`: of 896 panels that were all On or all Off 889 are below."""
 
-LEAST_CONTRAST = 40.0
-"""Digital numbers from the darkest to the brightest cell: of 144 simulated panels of one level nine in ten have
-less (paper, street and night), of 72 panels of random bits one in three."""
+@dataclass(frozen=True)
+class ReadingLimits:
+    """Limits of doubtful readings."""
+
+    # Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty
+    # scores less than this.
+    score: float = 0.6
+    margin: float = 0.15  # smallest of an LED, as a share of the mean margin
+    # By :func:`parted`: with both limits 33 of the 46 panels that are marked have wrong
+    # bits (``pytest -m slow -rP tests/studies/decode/test_judge.py``).
+    parted: float = 5.0
+    least_parted: float = 6.0  # of 896 panels all On or all Off 889 are below
+    # Digital numbers from the darkest to the brightest cell: of 144 simulated panels of
+    # one level nine in ten have less (paper, street and night), of 72 panels of random
+    # bits one in three.
+    contrast: float = 40.0
+
+
+LIMITS = ReadingLimits()
 
 
 def is_one_level(read: Decoded) -> torch.Tensor:
     """Say which panels (B,) may be all On or all Off: scores that hardly part, and little contrast."""
     contrast = read.appearance[:, APPEARANCE.index("contrast")]
     apart = parted(read.scores, read.bits)
-    return (apart < DOUBTFUL_PARTED) & (contrast < LEAST_CONTRAST)
+    return (apart < LIMITS.parted) & (contrast < LIMITS.contrast)
 
 
 def is_doubtful(read: Decoded) -> torch.Tensor:
     """Say which frames (B,) may hold no panel or be misread: a low score, or no gap between On and Off."""
     sure = read.scores.abs()
-    close = sure.amin(dim=(1, 2)) < DOUBTFUL_MARGIN * sure.mean(dim=(1, 2))
-    mixed = close & (parted(read.scores, read.bits) < DOUBTFUL_PARTED)
-    return mixed | ((read.panel_score < DOUBTFUL_SCORE) & read.false_alarms.isnan())
+    close = sure.amin(dim=(1, 2)) < LIMITS.margin * sure.mean(dim=(1, 2))
+    mixed = close & (parted(read.scores, read.bits) < LIMITS.parted)
+    return mixed | ((read.panel_score < LIMITS.score) & read.false_alarms.isnan())
 
 
 def parted(scores: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:

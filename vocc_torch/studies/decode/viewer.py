@@ -1,14 +1,24 @@
 """A window that shows frames with the panel's corners and bits while they are read: Rerun's viewer."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vocc_torch.errors import VoccError, library
 from vocc_torch.report.annotation import led_centres_px
 from vocc_torch.studies.decode.reading import Reading
 
-ON_COLOUR = (0, 114, 178)
-OFF_COLOUR = (230, 159, 0)
-LED_RADIUS_PX = 2.0
+
+@dataclass(frozen=True)
+class Look:
+    """How LEDs are drawn."""
+
+    on: tuple[int, int, int] = (0, 114, 178)
+    off: tuple[int, int, int] = (230, 159, 0)
+    radius_px: float = 2.0
+
+
+LOOK = Look()
 
 
 class Viewer:
@@ -38,9 +48,9 @@ class Viewer:
             return
         outline = np.concatenate([reading.corners_px, reading.corners_px[:1]])
         rerun.log("frame/panel/outline", rerun.LineStrips2D([outline]))
-        colours = [ON_COLOUR if bit else OFF_COLOUR for bit in reading.bits.ravel()]
+        colours = [LOOK.on if bit else LOOK.off for bit in reading.bits.ravel()]
         points = led_centres_px(reading.corners_px, reading.bits)
         rerun.log(
             "frame/panel/bits",
-            rerun.Points2D(points, colors=colours, radii=LED_RADIUS_PX),
+            rerun.Points2D(points, colors=colours, radii=LOOK.radius_px),
         )

@@ -129,7 +129,7 @@ class ScoutSampler(Sampler):
 def sizes_of(shapes: Tensor) -> tuple[Tensor, Tensor]:
     """Say of the sizes of panels (B,2) which score is theirs, and which are surely not, (B,3,1,1) bool each."""
     side = shapes.float().prod(1, keepdim=True).sqrt()
-    limits, alike = side.new_tensor(scout.SIZES), SETTINGS.alike
+    limits, alike = side.new_tensor(scout.SETTINGS.sizes), SETTINGS.alike
     least, own, most = (
         torch.bucketize(side * ratio, limits, right=True)
         for ratio in (1 / alike, 1, alike)
