@@ -265,32 +265,47 @@ def _read(
         [one.to(device, non_blocking=True) for one in parts]
         for parts in (wholes, shares)
     )
-    if turned:
-        wide = windows.shape[2]
-        index = wholes[1] * wide + wholes[0]
-        # Beyond what float32 counts.
-        if not is_exporting() and windows[0].numel() > 1 << 24:
-            index = wholes[1].double() * wide + wholes[0]
-        index, flat = index.long().flatten(1), windows.flatten(1)
-        near = [
-            flat[:, by:].gather(1, index).view_as(shares[0])
-            for by in (0, 1, wide, wide + 1)
-        ]
-        upper, lower = (
-            torch.lerp(near[line], near[line + 1], shares[0]) for line in (0, 2)
-        )
-        return torch.lerp(upper, lower, shares[1])
-    # A column of samples is a column of the image: pixels are mixed along the rows, and these once.
+    read = _turned if turned else _upright
+    return read(windows, wholes, shares)
+
+
+def _turned(windows: Tensor, wholes: list[Tensor], shares: list[Tensor]) -> Tensor:
+    """Mix four pixels of windows (n,tall,wide) for each sample, (n,h,w).
+
+    Args:
+        windows: grey values.
+        wholes: columns and rows (n,h,w) of the samples' upper left pixels.
+        shares: how far the samples lie from there, across and down.
+    """
+    wide = windows.shape[2]
+    index = wholes[1] * wide + wholes[0]
+    # Beyond what float32 counts.
+    if not is_exporting() and windows[0].numel() > 1 << 24:
+        index = wholes[1].double() * wide + wholes[0]
+    index, flat = index.long().flatten(1), windows.flatten(1)
+    near = [
+        flat[:, by:].gather(1, index).view_as(shares[0])
+        for by in (0, 1, wide, wide + 1)
+    ]
+    upper, lower = (
+        torch.lerp(near[line], near[line + 1], shares[0]) for line in (0, 2)
+    )
+    return torch.lerp(upper, lower, shares[1])
+
+
+def _upright(windows: Tensor, wholes: list[Tensor], shares: list[Tensor]) -> Tensor:
+    """Do what :func:`_turned` does where all samples of a column lie in one: columns (n,1,w), rows (n,h,1).
+
+    Pixels are mixed along the rows of the windows, and these rows once.
+    """
     count, tall, _ = windows.shape
     columns = wholes[0].long().expand(-1, tall, -1).contiguous()
     left, right = (windows[..., by:].gather(2, columns) for by in (0, 1))
     mixed = torch.lerp(left, right, shares[0]).flatten(0, 1)
-    lines = (
-        wholes[1][..., 0].long() + torch.arange(count, device=device)[:, None] * tall
-    ).flatten()
-    upper, lower = (
-        mixed.index_select(0, lines + by).view(count, len(y), len(x)) for by in (0, 1)
-    )
+    first = torch.arange(count, device=windows.device)[:, None] * tall
+    lines = (wholes[1][..., 0].long() + first).flatten()
+    size = (count, shares[1].shape[1], shares[0].shape[2])
+    upper, lower = (mixed.index_select(0, lines + by).view(size) for by in (0, 1))
     return torch.lerp(upper, lower, shares[1])
 
 
