@@ -175,25 +175,11 @@ def led_stamps(
         at = at.to(scene.distance_m)
         yield from background.cell_patches(at, half_m, size, context, square)
     if upright:
-        # By powers of two, so that a near panel does not make all patches large.
-        groups: dict[int, list[int]] = {}
-        for frame in single:
-            patch = max(SMALL_PATCH_PX, 1 << int(sides[frame]).bit_length())
-            is_near = leds * patch**2 > raster.GROUP_VALUES
-            groups.setdefault(0 if is_near else patch, []).append(frame)
+        discs = columns, rows, radius
+        groups = patch_groups(sides, single, leds)
         near = groups.pop(0, [])
-        values = raster.GROUP_VALUES if origin.is_cpu else raster.GROUP_VALUES_ELSEWHERE
         for like in groups.values():
-            side = int(max(sides[frame] for frame in like)) + 1
-            most = max(1, values // (leds * side**2))
-            for some in torch.split(torch.tensor(like), most):
-                chosen = some.to(origin.device, non_blocking=True)
-                cover, left, top = raster.disc_grid_cover(
-                    columns[chosen], rows[chosen], radius[chosen], side, canvas_px=size
-                )
-                numbers = torch.arange(leds, device=origin.device)
-                led = (chosen.unsqueeze(1) * leds + numbers).view(-1)
-                yield led, cover.flatten(0, 2), *_each(left, top)
+            yield from _upright_stamps(discs, like, sides, size)
         if not near:
             return
         single = near
@@ -204,6 +190,52 @@ def led_stamps(
     yield from raster.ellipse_patches(
         centre, spread, drawn.repeat_interleave(leds), canvas_px=size
     )
+
+
+def patch_groups(
+    sides: Sequence[float], frames: Sequence[int], leds: int
+) -> dict[int, list[int]]:
+    """Group frames by the side of an LED's patch, px, powers of two; 0 where patches would be too large.
+
+    So a near panel does not make all patches large.
+
+    Args:
+        sides: of each frame's LEDs, px.
+        frames: by number.
+        leds: of a panel.
+
+    Example:
+        >>> patch_groups([5.0, 900.0, 6.0], [0, 1, 2], 64)
+        {8: [0, 2], 0: [1]}
+    """
+    groups: dict[int, list[int]] = {}
+    for frame in frames:
+        patch = max(SMALL_PATCH_PX, 1 << int(sides[frame]).bit_length())
+        is_near = leds * patch**2 > raster.GROUP_VALUES
+        groups.setdefault(0 if is_near else patch, []).append(frame)
+    return groups
+
+
+def _upright_stamps(
+    discs: tuple[Tensor, Tensor, Tensor],
+    frames: Sequence[int],
+    sides: Sequence[float],
+    size: framing.Size,
+) -> raster.Patches:
+    """Cover the LEDs of frames with columns (B,C), rows (B,R) and radii (B,) px, some frames at a time."""
+    columns, rows, radius = discs
+    leds = columns.shape[1] * rows.shape[1]
+    values = raster.GROUP_VALUES if columns.is_cpu else raster.GROUP_VALUES_ELSEWHERE
+    side = int(max(sides[frame] for frame in frames)) + 1
+    most = max(1, values // (leds * side**2))
+    for some in torch.split(torch.tensor(frames), most):
+        chosen = some.to(columns.device, non_blocking=True)
+        cover, left, top = raster.disc_grid_cover(
+            columns[chosen], rows[chosen], radius[chosen], side, canvas_px=size
+        )
+        numbers = torch.arange(leds, device=columns.device)
+        led = (chosen.unsqueeze(1) * leds + numbers).view(-1)
+        yield led, cover.flatten(0, 2), *_each(left, top)
 
 
 def _each(of_columns: Tensor, of_rows: Tensor) -> tuple[Tensor, Tensor]:

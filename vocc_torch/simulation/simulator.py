@@ -247,18 +247,7 @@ class Simulator:
         demand_kind("keys", keys, list, tuple)
         for key in keys:
             demand_kind("keys", key, FrameKey)
-        scene, bits = self._checked(scene), tensor_of("bits", bits)
-        expected = (len(scene), *self.panel.shape.sides)
-        if tuple(bits.shape) != expected:
-            raise VoccError(
-                f"bits has shape {tuple(bits.shape)}: it must be {expected}"
-            )
-        if bits.dtype != torch.bool:
-            raise VoccError(
-                f"bits has the type {bits.dtype}: it must be torch.bool, True = On"
-            )
-        if not len(scene):
-            raise VoccError("scene holds no frames: it must hold at least 1")
+        scene, bits = self._checked(scene), self._checked_bits(bits, len(scene))
         nearest, sensor = float(scene.distance_m.min()), self.camera.sensor_px
         if nearest_m is not None and finite_number("nearest_m", nearest_m) > nearest * (
             1 + 1e-9
@@ -326,6 +315,22 @@ class Simulator:
         scene = scene.to("cpu").checked()
         framing.demand_in_sight(scene, self.camera, self.panel)
         return scene
+
+    def _checked_bits(self, bits: Tensor, frames: int) -> Tensor:
+        """Refuse bits that are no (B,R,C) bool of the frames, and no frames."""
+        bits = tensor_of("bits", bits)
+        expected = (frames, *self.panel.shape.sides)
+        if tuple(bits.shape) != expected:
+            raise VoccError(
+                f"bits has shape {tuple(bits.shape)}: it must be {expected}"
+            )
+        if bits.dtype != torch.bool:
+            raise VoccError(
+                f"bits has the type {bits.dtype}: it must be torch.bool, True = On"
+            )
+        if not frames:
+            raise VoccError("scene holds no frames: it must hold at least 1")
+        return bits
 
     def _context(self, scene: Scene, keys: Sequence[FrameKey] = ()) -> Context:
         """What effects may know about frames."""
