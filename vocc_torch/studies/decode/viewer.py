@@ -10,7 +10,7 @@ from vocc_torch.studies.decode.reading import Reading
 
 
 @dataclass(frozen=True)
-class Look:
+class ViewerSettings:
     """How LEDs are drawn."""
 
     on: tuple[int, int, int] = (0, 114, 178)
@@ -18,7 +18,7 @@ class Look:
     radius_px: float = 2.0
 
 
-LOOK = Look()
+SETTINGS = ViewerSettings()
 
 
 class Viewer:
@@ -48,9 +48,9 @@ class Viewer:
             return
         outline = np.concatenate([reading.corners_px, reading.corners_px[:1]])
         rerun.log("frame/panel/outline", rerun.LineStrips2D([outline]))
-        colours = [LOOK.on if bit else LOOK.off for bit in reading.bits.ravel()]
+        colours = [SETTINGS.on if bit else SETTINGS.off for bit in reading.bits.ravel()]
         points = led_centres_px(reading.corners_px, reading.bits)
         rerun.log(
             "frame/panel/bits",
-            rerun.Points2D(points, colors=colours, radii=LOOK.radius_px),
+            rerun.Points2D(points, colors=colours, radii=SETTINGS.radius_px),
         )
