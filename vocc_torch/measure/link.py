@@ -22,7 +22,8 @@ class LinkLimits:
     """Limits of a batch, and of a corner."""
 
     most_samples: int = 1 << 26  # of rectified panels: 512 MiB in float64
-    most_off_cells: float = 0.25  # of a corner: features belong to the right LED
+    # Of a corner from its place: up to there features belong to the right LED.
+    most_off_cells: float = 0.25
 
 
 LIMITS = LinkLimits()

@@ -13,25 +13,27 @@ from vocc_torch.types import Batched, tensor_of
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Limits of what features and their statistics say."""
+class DiscriminantLimits:
+    """Limits of features, and of what their statistics tell."""
 
-    largest: float = 1e140  # feature: the squares of 9e18 of them add up in float64
+    # Size of a feature: the squares of 9e18 of them, as many as can be counted, add up
+    # within float64.
+    largest: float = 1e140
     # Largest condition number of the scaled within-class covariance up to which every
     # direction counts.
     condition: float = 1e12
     # Smallest share of the means' difference, outside the range of a singular S_w, that
     # counts as separation.
     gap: float = 1e-6
-    # A spread or distance below this multiple of a feature's mean is float64 rounding.
+    # A spread or a distance below this multiple of a feature's mean is float64 rounding.
     rounding: float = 8 * torch.finfo(torch.float64).eps
-    smallest: float = (
-        1e-150  # of a smaller spread or distance the square is beyond float64
-    )
-    block: int = 512  # samples of one matrix product; sums of blocks round less
+    # A smaller spread or distance counts as none: its square is beyond float64.
+    smallest: float = 1e-150
+    # Samples of one matrix product; blocks are summed after that, which rounds less.
+    block: int = 512
 
 
-LIMITS = Limits()
+LIMITS = DiscriminantLimits()
 
 
 class FLDAWarning(UserWarning):

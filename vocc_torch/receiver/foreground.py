@@ -17,10 +17,12 @@ _LEVELS = 256
 
 @dataclass(frozen=True)
 class ForegroundSettings:
-    """How frames are searched for what is uneven."""
+    """How a threshold is chosen, and the frame's uneven box found."""
 
-    tie: float = 1e-12  # share by which variances differ in float64 that are equal
-    large_px: int = 1 << 16  # in smaller frames the search saves nothing
+    # Share: thresholds whose variances differ by less count as equal; float64 rounds.
+    tie: float = 1e-12
+    # Least frame that is searched for its uneven box: in smaller ones it saves nothing.
+    large_px: int = 1 << 16
     word_px: int = 8  # of a row, compared at once
 
 

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.receiver import lattice_model, resample
-from vocc_torch.receiver.lattice_model import MODEL, Lattice, Model
+from vocc_torch.receiver.lattice_model import PATCH, Lattice, Model
 from vocc_torch.receiver.levels import GAMMA, grey_values, linear_light, two_levels
 from vocc_torch.receiver.resample import corner_cells, sample_cells
 from vocc_torch.types import Frames, PanelShape
@@ -83,7 +83,7 @@ def fit_lattice(
 def _read(frames: Frames, lattice: Lattice) -> Tensor:
     """Read the frames around the lattices; one that goes twice is read once."""
     corners = lattice.corners_px[: len(frames)]
-    read = lattice_model.read_patches(frames, corners, lattice.shape, MODEL.margin)
+    read = lattice_model.read_patches(frames, corners, lattice.shape, PATCH.margin)
     return read.expand(len(lattice.blur), -1, -1)
 
 
@@ -115,7 +115,7 @@ def _improved(
     root = trust.sqrt().flatten(1)
     rest = (model.grey - predicted).flatten(1) * root
     jacobian = _changes(model, lattice) * (slope * root)[:, None]
-    variance = (rest.square().mean(1) + MODEL.rounding_dn**2).double()[:, None]
+    variance = (rest.square().mean(1) + PATCH.rounding_dn**2).double()[:, None]
     curvature = (jacobian @ jacobian.mT).double() / variance[..., None]
     spreads = (*FIT.corners_cells, *FIT.others, face_light)
     expected = torch.tensor(spreads, dtype=torch.float64)
@@ -152,9 +152,9 @@ def _changes(model: Model, lattice: Lattice) -> Tensor:
     A corner field moves the light at each sample along the light's own slope.
     """
     amplitude, box = lattice.amplitudes(), model.box[:, None]
-    down, across = torch.gradient(model.light, spacing=1 / MODEL.samples, dim=(1, 2))
+    down, across = torch.gradient(model.light, spacing=1 / PATCH.samples, dim=(1, 2))
     v, u = (
-        sample_cells(leds, MODEL.samples, MODEL.margin).to(amplitude) / leds * 2 - 1
+        sample_cells(leds, PATCH.samples, PATCH.margin).to(amplitude) / leds * 2 - 1
         for leds in lattice.shape.sides
     )
     v, u = torch.meshgrid(v, u, indexing="ij")
@@ -214,8 +214,8 @@ def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
 
 def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
     """Return lattices with bits flipped where that fits the picture better, and which frames (B,) changed."""
-    width = 3 * MODEL.samples
-    place = (torch.arange(width, device=model.grey.device) + 0.5) / MODEL.samples - 1.5
+    width = 3 * PATCH.samples
+    place = (torch.arange(width, device=model.grey.device) + 0.5) / PATCH.samples - 1.5
     across, down = (
         torch.exp(-((place / one[:, None]) ** 2) / 2)
         for one in lattice.blur.float().unbind(1)
@@ -238,5 +238,5 @@ def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
 
 def _around(plane: Tensor) -> Tensor:
     """Cut the 3 x 3 cells around each LED out of (B,H,W): (B,R,C,3K,3K)."""
-    width = 3 * MODEL.samples
-    return plane.unfold(1, width, MODEL.samples).unfold(2, width, MODEL.samples)
+    width = 3 * PATCH.samples
+    return plane.unfold(1, width, PATCH.samples).unfold(2, width, PATCH.samples)

@@ -16,18 +16,21 @@ from vocc_torch.types import Batched, Frames, Panels, PanelShape
 
 
 @dataclass(frozen=True)
-class ModelSettings:
-    """How a lattice is compared with a picture."""
+class PatchSettings:
+    """How a patch of a picture is read, and compared with a lattice."""
 
     samples: int = 4  # along an LED cell's side
     margin: int = 1  # cells around the panel
-    rounding_dn: float = 0.29  # standard deviation: no picture fits better
-    outlier: float = 3.0  # mean differences, at which a squared one counts by half
-    # Deviation of the face's edge over that of a spot, which has its LED's size in it.
-    edge: float = 0.7
+    # Standard deviation of rounding: no picture fits better.
+    rounding_dn: float = 0.29
+    # Mean absolute differences at which a squared difference counts by half.
+    outlier: float = 3.0
+    # Standard deviation of the face's blurred edge over that of a spot; the spot's has
+    # the LED's size in it.
+    edge_blur: float = 0.7
 
 
-MODEL = ModelSettings()
+PATCH = PatchSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,9 +96,9 @@ class Lattice(Batched):
 def read_patches(
     frames: Frames, corners_px: Tensor, shape: PanelShape, margin: int
 ) -> Tensor:
-    """Resample grey values around the panel, (B,(R+2m)K,(C+2m)K) float32 with K = ``MODEL.samples``."""
+    """Resample grey values around the panel, (B,(R+2m)K,(C+2m)K) float32 with K = ``PATCH.samples``."""
     return rectify(
-        frames, Panels.known(corners_px), shape, MODEL.samples, margin=margin
+        frames, Panels.known(corners_px), shape, PATCH.samples, margin=margin
     )[:, 0].float()
 
 
@@ -119,7 +122,7 @@ class Profiles(NamedTuple):
         width = blur.float()[:, None, None]
         offset = (samples[:, None] - middles) / width
         spots = torch.exp(-(offset**2) / 2)
-        edge = MODEL.edge * width[..., 0]
+        edge = PATCH.edge_blur * width[..., 0]
         rise, fall = (torch.special.ndtr((samples - end) / edge) for end in (0, leds))
         return cls(spots, spots * offset**2 / width, rise - fall)
 
@@ -128,7 +131,7 @@ class Profiles(NamedTuple):
 @torch.inference_mode(False)
 def _places(leds: int, device: torch.device) -> list[Tensor]:
     """Return an axis's samples (N,) and the middles of its spots (n,), cells, float32."""
-    places = sample_cells(leds, MODEL.samples, MODEL.margin), sample_cells(leds, 1, 0)
+    places = sample_cells(leds, PATCH.samples, PATCH.margin), sample_cells(leds, 1, 0)
     return [place.float().to(device) for place in places]
 
 
@@ -178,7 +181,7 @@ class Model(NamedTuple):
         Cauchy's weights, of which a squared difference loses half at three mean absolute ones.
         """
         rest = (self.grey - self.predicted).abs()
-        scale = MODEL.outlier * rest.mean((1, 2), keepdim=True) + 1.0
+        scale = PATCH.outlier * rest.mean((1, 2), keepdim=True) + 1.0
         return 1 / (1 + (rest / scale) ** 2)
 
     def scored(self, lattice: Lattice, trust: Tensor) -> Lattice:
@@ -193,7 +196,7 @@ class Model(NamedTuple):
         both = torch.stack([*weighed, rest.mean((1, 2)), spread.mean((1, 2))]).to(
             torch.float64
         )
-        shares = 1 - both[::2] / both[1::2].clamp(min=MODEL.rounding_dn**2)
+        shares = 1 - both[::2] / both[1::2].clamp(min=PATCH.rounding_dn**2)
         return replace(
             lattice, rms_dn=both[0].sqrt(), share=shares[0], share_of_all=shares[1]
         )
@@ -240,7 +243,7 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
     spots = torch.exp(
         -(
             (
-                (sample_cells(leds, MODEL.samples, SEARCH.margin)[:, None] - centre)
+                (sample_cells(leds, PATCH.samples, SEARCH.margin)[:, None] - centre)
                 / (g * p)
             )
             ** 2

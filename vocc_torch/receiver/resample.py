@@ -294,9 +294,10 @@ def _turned(windows: Tensor, wholes: list[Tensor], shares: list[Tensor]) -> Tens
 
 
 def _upright(windows: Tensor, wholes: list[Tensor], shares: list[Tensor]) -> Tensor:
-    """Do what :func:`_turned` does where all samples of a column lie in one: columns (n,1,w), rows (n,h,1).
+    """Do what :func:`_turned` does for upright panels: columns (n,1,w) and rows (n,h,1).
 
-    Pixels are mixed along the rows of the windows, and these rows once.
+    A column of samples lies in one column of the image. So pixels are mixed along the windows' rows first, and
+    then whole rows are mixed.
     """
     count, tall, _ = windows.shape
     columns = wholes[0].long().expand(-1, tall, -1).contiguous()

@@ -20,16 +20,19 @@ from vocc_torch.types import Batched, Scene
 class FramingSettings:
     """What is rendered at a time, and what is refused."""
 
-    most_led_px: int = 100_000  # its cover of a pixel is within 5e-6 of the exact one
-    farthest_px: float = 1e12  # from the middle: float64 places it within 1e-4 px
+    # Width of an LED's image: its cover of a pixel is within 5e-6 of the exact one.
+    most_led_px: int = 100_000
+    # Of a panel's image from the sensor's middle: float64 places it within 1e-4 px.
+    farthest_px: float = 1e12
     window_grid_px: int = 8  # of windows' edges: JPEG's blocks, Bayer's cells
-    # Of a frame or crop: a 50-megapixel camera's. Such frames are drawn one at a time;
-    # each pixel takes 50 to 100 bytes, the largest frame up to 7 GB.
+    # Of a frame or crop: a 50-megapixel camera's and 8K video's. Such frames are drawn
+    # one at a time; each pixel takes 50 to 100 bytes, the largest frame up to 7 GB.
     most_pixels: int = 1 << 26
     size_step: float = 1.2  # ratio of distances drawn in crops of one size
-    # Rendered at a time. Planes that outgrow the cache are slower, from 32 MiB on
-    # several times; on a GPU a part costs the host the same calls, however large it is.
+    # Rendered at a time: planes that outgrow the cache are slower, from 32 MiB on
+    # several times.
     chunk_pixels: int = 600_000
+    # The same on a GPU: a part costs the host the same calls, however many frames it has.
     device_pixels: int = 8_000_000
     part_frames: int = 32  # of several distances, in crops of one size
 

@@ -37,7 +37,8 @@ class RecordingFitSettings:
     evaluations: int = 12  # of the picture and its derivatives, at most
     tolerance: float = 1e-6  # change of values or misfit that ends a fit
     block_px: int = 8  # neighbours within such a block may hang together
-    angles_deg: Range = (-75.0, 75.0)  # from here on: where values mean something
+    # Ranges in which values mean something.
+    angles_deg: Range = (-75.0, 75.0)
     levels: Range = (0.01, 1e5)
     board: Range = (0.0, 1.0)
     gamma: Range = (1.0, 4.0)

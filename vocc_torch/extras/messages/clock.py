@@ -23,7 +23,7 @@ class ClockSettings:
     unexpected_chance: float = 0.02  # of a symbol more or less than the time allows
     jump_cost: float = 15.0  # whatever its length
     stuck_share: float = 0.75  # of recent frames; a cell alike in more is hidden
-    memory_frames: int = 64  # the recent ones
+    memory_frames: int = 64  # that count as recent
     delay_frames: int = 256  # after a frame, before its symbol is settled
     least_jump_symbols: float = 4.0  # off the expected place
     most_back_symbols: int = 16  # of a jump; farther back is far ahead

@@ -18,8 +18,9 @@ class CombineSettings:
     """How frames are weighed, and which cells count."""
 
     mixed_share: float = 0.3  # of the usual agreement; a band below shows two symbols
-    deaf_share: float = 0.3  # likewise on average; a clock cell below is hidden or dead
-    nearby_frames: int = 32  # of that average
+    # Of the agreement on average; a clock cell below is hidden or dead.
+    deaf_share: float = 0.3
+    nearby_frames: int = 32  # over which agreement is averaged
     stuck_symbols: int = 16  # a cell alike in so many in a row is hidden or dead
     least_scale: float = 0.01  # of log-likelihood ratios
     most_scale: float = 4.0

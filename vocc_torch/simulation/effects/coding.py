@@ -36,7 +36,7 @@ class CodingSettings:
     mosaic_rows: int = 64  # whole cells
     jpeg_block_px: int = 8
     jpeg_rows: int = 128  # whole blocks
-    jpeg_pixels: int = 131_072  # of as many frames as that is
+    jpeg_pixels: int = 131_072  # of one frame or several
 
 
 SETTINGS = CodingSettings()

@@ -17,9 +17,10 @@ from vocc_torch.simulation import raster
 class KernelSettings:
     """Sizes of kernels and of working arrays."""
 
-    lambda_n: float = 40.5  # wavelengths times f-number: radius of 99.5 % of the light
-    most_px: int = 128  # half a width; the work grows with its square
-    strip_values: int = 2_000_000  # larger frames are convolved in strips
+    # Radius of the circle that holds 99.5 % of the light, wavelengths times f-number.
+    reach_lambda_n: float = 40.5
+    most_reach_px: int = 128  # half the widest kernel; the work grows with its square
+    strip_values: int = 2_000_000  # larger frames are convolved in strips of columns
 
 
 KERNELS = KernelSettings()
@@ -39,10 +40,10 @@ def checked_reach(reach_px: float, cause: str) -> int:
         >>> checked_reach(3, "scene.effects.defocus.focus_distance_m is 2")
         3
     """
-    if not reach_px <= KERNELS.most_px:
+    if not reach_px <= KERNELS.most_reach_px:
         raise VoccError(
             f"{cause}: it spreads light over {reach_px:.0f} px on each side, "
-            f"at most {KERNELS.most_px} px is offered"
+            f"at most {KERNELS.most_reach_px} px is offered"
         )
     return int(reach_px)
 

@@ -245,7 +245,9 @@ class Diffraction(Effect, on=Quantity.EXPOSURE):
         Raises:
             VoccError: a half width above 128 px.
         """
-        reach = max(0, math.ceil(KERNELS.lambda_n * self._lambda_n_px(camera) - 0.5))
+        reach = max(
+            0, math.ceil(KERNELS.reach_lambda_n * self._lambda_n_px(camera) - 0.5)
+        )
         return checked_reach(
             reach,
             (

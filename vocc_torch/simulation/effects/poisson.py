@@ -13,10 +13,15 @@ from vocc_torch.arrays import Floats
 class PoissonSettings:
     """Where counts are summed, where expanded, and how far."""
 
-    few: float = 3.0  # least mean from which counts are expanded in the normal number
-    third_order: float = 0.0125  # bounds the error over the size cubed, 0.0081
-    most_steps: int = 64  # an expansion is off by 20 at a mean of 3 and 7 deviations
-    most_of_few: int = 32  # exceeded with a probability of 4e-23
+    # Below this mean counts are summed one by one; from it on they are expanded in the
+    # normal number.
+    few: float = 3.0
+    # Bound on the error of the expansion over its size cubed: 0.0081 at every size.
+    third_order: float = 0.0125
+    # Counts by which an expansion may be off: 20 at a mean of 3 and 7 deviations.
+    most_steps: int = 64
+    # A number with a mean below ``few`` is larger with a probability of 4e-23.
+    most_of_few: int = 32
 
 
 SETTINGS = PoissonSettings()

@@ -171,10 +171,11 @@ DrawTile = Callable[[int, int, int], Numbers]
 
 @dataclass(frozen=True)
 class TileSettings:
-    """Sizes of what is drawn at a time."""
+    """How much is counted at a time, and how much is held."""
 
-    part_values: int = 1 << 17  # counted at a time, so that they stay in the cache
-    # Kept tiles of patterns, 64 KiB each: of a full-HD sensor 135 a pattern and channel.
+    part_values: int = 1 << 17  # counted at a time: working arrays stay in the cache
+    # Tiles of patterns that are held, 64 KiB each: of a full-HD sensor 135 a pattern and
+    # channel.
     most_tiles: int = 1024
 
 

@@ -24,7 +24,7 @@ class ColourSettings:
     """How planes are compared, and colours parted."""
 
     frames: int = 4  # of a recording that decide for all of it
-    # How many times as far as in luma a plane parts On from Off that is taken instead.
+    # A plane is taken instead of luma if it parts On from Off so many times as far.
     clearly: float = 1.2  # at luma's panel
     elsewhere: float = 2.0  # at another panel
     rounds: int = 30  # of unmixing, at most

@@ -10,16 +10,18 @@ from vocc_torch.receiver.receiver import Decoded
 
 @dataclass(frozen=True)
 class ReadingLimits:
-    """Limits of doubtful readings."""
+    """Below these limits a reading is doubtful, or a panel may be all On or all Off."""
 
     # Noise that fills a 4:3 picture scores 0.56; of the paper's scenes one in fifty
     # scores less than this.
     score: float = 0.6
     margin: float = 0.15  # smallest of an LED, as a share of the mean margin
-    # By :func:`parted`: with both limits 33 of the 46 panels that are marked have wrong
+    # By :func:`parted`: with this limit and that of the margin 33 of the 46 panels that are marked have wrong
     # bits (``pytest -m slow -rP tests/studies/decode/test_judge.py``).
     parted: float = 5.0
-    least_parted: float = 6.0  # of 896 panels all On or all Off 889 are below
+    # By :func:`parted`, of a plane that is taken instead of luma: of 896 panels that
+    # were all On or all Off 889 are below.
+    least_parted: float = 6.0
     # Digital numbers from the darkest to the brightest cell: of 144 simulated panels of
     # one level nine in ten have less (paper, street and night), of 72 panels of random
     # bits one in three.

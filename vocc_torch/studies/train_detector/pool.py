@@ -43,8 +43,8 @@ class PoolSettings:
         *((16, 16), (4, 8), (8, 16), (12, 12), (5, 7)),
         *((6, 6), (8, 32), (32, 32), (5, 5), (4, 5)),
     )
-    # Cameras of the blocks, in turn: how often frames are halved, which have smaller
-    # pixels before, and overrides of the scene.
+    # Cameras of the blocks, in turn: how often a frame is halved, and overrides of the
+    # scene. A frame that is halved is rendered with smaller pixels.
     cameras: tuple[tuple[int, tuple[str, ...]], ...] = (
         (0, ()),
         (1, ("++scene.effects.blooming.sigma_px=0.3",)),

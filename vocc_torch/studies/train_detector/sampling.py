@@ -26,21 +26,22 @@ class SamplingSettings:
     near: float = 0.3  # of a side, corners that a network can move to the panel
     clear: float = 0.6  # of a diagonal, centres farther away are of clutter
     least_weight: float = 0.05  # of unlikely candidates in a draw; likely ones have 1
-    kernel_px: int = 9  # side
+    # Each share is of the pictures, and white is 1.
+    kernel_px: int = 9  # side of a blur's kernel
     blur_px: tuple[float, float] = (0.3, 1.6)  # standard deviation
-    blurred: float = 0.4  # share of pictures, as for all that follows
-    sharpness: float = 1.0  # most
-    sharpened: float = 0.2
-    lit: tuple[float, float] = (0.01, 0.2)  # change from side to side; white is 1
-    unevenly_lit: float = 0.2
+    blur_share: float = 0.4
+    sharpness: float = 1.0  # at most
+    sharpness_share: float = 0.2
+    light: tuple[float, float] = (0.01, 0.2)  # difference from side to side
+    light_share: float = 0.2
     contrast: tuple[float, float] = (0.5, 1.5)  # factor
     brightness: tuple[float, float] = (0.95, 1.1)  # factor
     gamma: tuple[float, float] = (0.45, 0.9)
-    other_gamma: float = 0.35
-    noise: float = 0.004  # standard deviation; white is 1
-    noisy: float = 0.65
-    strong_noise: float = 0.02
-    very_noisy: float = 0.35
+    gamma_share: float = 0.35
+    noise: float = 0.004  # standard deviation
+    noise_share: float = 0.65
+    strong_noise: float = 0.02  # standard deviation
+    strong_noise_share: float = 0.35
 
 
 SETTINGS = SamplingSettings()
@@ -50,15 +51,17 @@ AUGMENTATION = nn.Sequential(
         (SETTINGS.kernel_px, SETTINGS.kernel_px),
         SETTINGS.blur_px,
         "replicate",
-        p=SETTINGS.blurred,
+        p=SETTINGS.blur_share,
     ),
-    augmentation.RandomSharpness(SETTINGS.sharpness, p=SETTINGS.sharpened),
-    augmentation.RandomLinearIllumination(SETTINGS.lit, p=SETTINGS.unevenly_lit),
+    augmentation.RandomSharpness(SETTINGS.sharpness, p=SETTINGS.sharpness_share),
+    augmentation.RandomLinearIllumination(SETTINGS.light, p=SETTINGS.light_share),
     augmentation.RandomContrast(SETTINGS.contrast),
     augmentation.RandomBrightness(SETTINGS.brightness),
-    augmentation.RandomGamma(SETTINGS.gamma, p=SETTINGS.other_gamma),
-    augmentation.RandomGaussianNoise(std=SETTINGS.noise, p=SETTINGS.noisy),
-    augmentation.RandomGaussianNoise(std=SETTINGS.strong_noise, p=SETTINGS.very_noisy),
+    augmentation.RandomGamma(SETTINGS.gamma, p=SETTINGS.gamma_share),
+    augmentation.RandomGaussianNoise(std=SETTINGS.noise, p=SETTINGS.noise_share),
+    augmentation.RandomGaussianNoise(
+        std=SETTINGS.strong_noise, p=SETTINGS.strong_noise_share
+    ),
 )
 """What cameras do to pictures (B,1,H,W) of 0 to 1."""
 
@@ -183,9 +186,10 @@ class Sampler(ABC):
         quads = torch.cat([self.moved(found, form, rough) for found, rough in drawn])
         found = joined([found for found, _ in drawn])
         transposed = bool(torch.rand(()) < 0.5)
-        form = form.transposed if transposed else form
-        # Turned and mirrored; in transposed ones rows are columns.
-        orders = corner_orders(square=True).chunk(2)[transposed]
+        # Pictures are turned and mirrored; in the second half rows are columns.
+        orders, others = corner_orders(square=True).chunk(2)
+        if transposed:
+            form, orders = form.transposed, others
         order = orders[torch.randint(len(orders), (len(quads), 1))]
         order = order.mT.expand(-1, -1, 2).to(quads.device)
         found = found._replace(truth=found.truth.gather(1, order))
