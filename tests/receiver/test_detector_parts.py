@@ -19,7 +19,6 @@ from vocc_torch.receiver.detector.placer import (
     placed,
     placed_in_views,
     slips,
-    views,
 )
 from vocc_torch.receiver.detector.pyramid import Pyramid, gate, halved
 from vocc_torch.receiver.detector.scout import Scout, distinct, peaks
@@ -249,20 +248,6 @@ def test_pictures_are_standardised_as_by_scipy():
     wanted = np.stack([zscore(one.double().numpy(), axis=None) for one in pictures])
     found = standardised(pictures, 0.0, 1.2).numpy()
     assert np.abs(found - wanted.clip(-1.2, 1.2)).max() < 1e-5
-
-
-def test_views_are_of_the_candidate_with_its_corners_in_another_order():
-    net, pyramid = Placer().eval(), Pyramid.of(noise(1, 1, 120, 160).byte())
-    quads = torch.tensor([[[30, 20], [88, 26], [90, 72], [28, 65]]]).double()
-    for shape in (PanelShape(6, 6), PanelShape(6, 8)):
-        square = shape.rows == shape.columns
-        order = views(torch.tensor([[0, 1], [3, 2]]), square).flatten(1)
-        order = order[:, [0, 1, 3, 2]]
-        assert len(order.unique(dim=0)) == (8 if square else 4)
-        with torch.inference_mode():
-            odds, _ = placed_in_views(net, pyramid, quads, shape)
-            alone, _ = placed(net, pyramid, quads[0, order], shape)
-        assert float(odds) == pytest.approx(float(alone.mean()), abs=1e-4)
 
 
 @pytest.mark.parametrize(("shape", "turn"), [((6, 6), 1), ((6, 8), 2)])

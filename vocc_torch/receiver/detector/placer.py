@@ -142,48 +142,25 @@ def placed_in_views(
     net: Placer, pyramid: Pyramid, quads: Tensor, shape: PanelShape
 ) -> tuple[Tensor, Tensor]:
     """Do what :func:`placed` does, in the mean of all turned and mirrored views of each candidate."""
-    homography = cell_homography(quads, shape)
-    square = shape.rows == shape.columns
-    seen = views(patches(pyramid, quads, homography, shape), square)
-    logit, moves = net(seen.flatten(0, 1), shape)
-    back, axes = _views_of_corners(square)
-    moves = moves.double().view(-1, *back.shape, 2) @ axes.to(moves.device)
-    moves = moves[:, torch.arange(len(back))[:, None], back].mean(1)
-    odds = logit.view(-1, len(back)).mean(1)
-    return odds, map_cells(homography, corner_cells(shape) + moves)
-
-
-@lru_cache(maxsize=2)
-@torch.inference_mode(False)
-def _views_of_corners(square: bool) -> tuple[Tensor, Tensor]:
-    """Give where corners (V,4) of candidates are in the views, and the views' axes (V,2,2) in candidates."""
-    order = corner_orders(square)
-    corners = corner_cells(PanelShape(1, 1))[order]
-    return order.argsort(1), corners[:, [1, 3]] - corners[:, :1]
+    order = corner_orders(shape.rows == shape.columns).to(quads.device)
+    logit, moved = placed(net, pyramid, quads[:, order].flatten(0, 1), shape)
+    back = order.argsort(1)[..., None].expand(len(quads), -1, 4, 2)
+    moved = moved.view(back.shape).gather(2, back)
+    return logit.view(len(quads), -1).mean(1), moved.mean(1)
 
 
 def corner_orders(square: bool) -> Tensor:
-    """Give the corners (V,4) of a candidate in the order of each view's.
+    """Give the corners (V,4) of a candidate in the order of each view's; rows stay rows unless they are square.
 
     Example:
         >>> corner_orders(square=False).tolist()
         [[0, 1, 2, 3], [1, 0, 3, 2], [3, 2, 1, 0], [2, 3, 0, 1]]
     """
     corners = torch.tensor([[0, 1], [3, 2]])
-    return views(corners, square).flatten(1)[:, [0, 1, 3, 2]]
-
-
-def views(pictures: Tensor, square: bool) -> Tensor:
-    """Turn and mirror pictures (...,h,w), to (...,V,h,w); rows stay rows unless they are square.
-
-    Example:
-        >>> views(torch.tensor([[1, 2]]), square=False).tolist()
-        [[[1, 2]], [[2, 1]], [[1, 2]], [[2, 1]]]
-    """
-    turned = [pictures, pictures.mT] if square else [pictures]
-    flips: tuple[tuple[int, ...], ...] = ((), (-1,), (-2,), (-2, -1))
-    seen = [picture.flip(flip) for picture in turned for flip in flips]
-    return torch.stack(seen, -3)
+    turned = [corners, corners.T] if square else [corners]
+    flips: tuple[tuple[int, ...], ...] = ((), (1,), (0,), (0, 1))
+    seen = [view.flip(flip) for view in turned for flip in flips]
+    return torch.stack(seen).flatten(1)[:, [0, 1, 3, 2]]
 
 
 def slips(quad: Tensor, shape: PanelShape) -> Tensor:
