@@ -126,16 +126,10 @@ def placed(
 ) -> tuple[Tensor, Tensor]:
     """Score candidates (n,4,2) float64 px, (n,), and move their corners, (n,4,2)."""
     homography = cell_homography(quads, shape)
-    logit, moves = net(patches(pyramid, quads, homography, shape), shape)
+    samples, margin = (SETTINGS.samples,) * 2, SETTINGS.margin
+    patches = pyramid.read_cells(quads, homography, shape, samples, margin)
+    logit, moves = net(patches, shape)
     return logit, map_cells(homography, corner_cells(shape) + moves.double())
-
-
-def patches(
-    pyramid: Pyramid, quads: Tensor, homography: Tensor, shape: PanelShape
-) -> Tensor:
-    """Read what the placer sees of candidates (n,4,2) px, (n,h,w)."""
-    samples = SETTINGS.samples, SETTINGS.samples
-    return pyramid.read_cells(quads, homography, shape, samples, SETTINGS.margin)
 
 
 def placed_in_views(

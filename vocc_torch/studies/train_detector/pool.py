@@ -28,6 +28,7 @@ class PoolSettings:
     """The rendered frames."""
 
     frames: int = 48  # of a block
+    read_at_once: int = 8  # candidates whose frames are copied together
     width_px: int = 480  # a quarter of the camera's, of pixels as large
     height_px: int = 272
     offset_m: tuple[float, float] = (0.5, 0.2)  # of panels, to the right and down
@@ -293,18 +294,16 @@ class Pool:
         grid = places_of_cells(
             self.sizes, quads, homography, form.cells, form.samples, form.margin
         )
-        # A picture needs little of its frame: whole frames are not copied.
-        high, wide = self.atlases.shape[1:]
-        place = (grid + 1) * (grid.new_tensor((wide, high)) / 2) - 0.5
-        x, y = place.clamp(min=0).unbind(3)
-        left, top = x.long().clamp(max=wide - 2), y.long().clamp(max=high - 2)
-        first = (frame[:, None, None] * high + top) * wide + left
-        upper, lower = (
-            torch.lerp(
-                self.atlases.take(row).float(),
-                self.atlases.take(row + 1).float(),
-                x - left,
+        # Copies of a few frames stay in a processor's cache.
+        count = SETTINGS.read_at_once
+        parts = zip(torch.split(frame, count), torch.split(grid, count), strict=True)
+        pictures = [
+            functional.grid_sample(
+                self.atlases[numbers][:, None].float(),
+                places,
+                padding_mode="border",
+                align_corners=False,
             )
-            for row in (first, first + wide)
-        )
-        return torch.lerp(upper, lower, y - top)
+            for numbers, places in parts
+        ]
+        return torch.cat(pictures)[:, 0]
