@@ -201,7 +201,11 @@ def spent(settings):
         return identity_of(plan, settings.export), plan.world.device, plan.batch_frames
     if task == "figures":
         worlds = [learned(one.plan)["world"] for one in study.readings]
-        return study.names, [counted(*one[1:]) for one in study.every_study], worlds
+        return (
+            study.names,
+            [counted(one.plan, [*one.locators.values()]) for one in study.every_study],
+            worlds,
+        )
     if task == "effects":
         scene, names = (
             learned(study.plan_of(study.scene, "paper")),

@@ -6,8 +6,9 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
-from typing import Literal, NoReturn
+from typing import NoReturn
 
 from vocc_torch.errors import VoccError, printable
 from vocc_torch.files import read_file
@@ -27,8 +28,6 @@ from vocc_torch.report.terminal import Console, Text, plain_table
 INTO_INPUT = "collect"
 """The name under which results go into the input folder, as conf/task/collect.yaml has it."""
 
-
-Status = Literal["done", "failed", "unfinished", "unreadable"]
 
 TABLE, FAILED = "ber.csv", "failed.txt"
 LEFT = {TABLE, FAILED, run_folder.LEDGER}
@@ -54,14 +53,14 @@ class SweepJob:
         status: ``done``: it has a table; ``failed``: it said why; ``unfinished``: it began; ``unreadable``:
             its table is damaged.
         complaint: why there is no table, or what is wrong beside it; empty where all is well.
-        table: its points, or None.
+        table: its points.
         settings: its configuration, keys with dots; empty where it is not known.
     """
 
     name: str
-    status: Status
+    status: str
     complaint: str = ""
-    table: curve.BerTable | None = None
+    table: curve.BerTable = field(default_factory=curve.BerTable)
     settings: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -115,32 +114,28 @@ def find_jobs(folder: Path) -> list[SweepJob]:
 
     def order(place: Path) -> list[tuple[int, str]]:
         """Sort numbers by value, and before words."""
-        parts = place.relative_to(folder).parts
         return [
-            (int(part), "") if part.isdecimal() else (2**63, part) for part in parts
+            (int(part), "") if part.isdecimal() else (2**63, part)
+            for part in place.relative_to(folder).parts
         ]
 
     found = []
-    for name, folders, files in os.walk(folder, onerror=refused):
-        place, entries = Path(name), {*files, *folders}
+    for path, folders, files in os.walk(folder, onerror=refused):
+        place, entries = Path(path), {*files, *folders}
         begun = not entries and place.name.isdecimal() and place != folder
         if begun or (entries & LEFT and _REPORT not in entries):
             found.append(place)
     if not found:
-        numbered = f"0/{TABLE}, 1/{TABLE} and so on"
-        rule = f"give a folder that a multirun of task=test wrote, with {numbered}"
-        raise VoccError(f"input {folder} holds no job: {rule}")
-    found.sort(key=order)
-    sweep_name = folder.resolve().name
-    names = [
-        printable(sweep_name if at == folder else at.relative_to(folder).as_posix())
-        for at in found
-    ]
-    return [
-        job
-        for place, name in zip(found, names, strict=True)
-        for job in read_jobs(place, name)
-    ]
+        raise VoccError(
+            f"input {folder} holds no job: give a folder that a multirun of task=test"
+            f" wrote, with 0/{TABLE}, 1/{TABLE} and so on"
+        )
+    jobs = list[SweepJob]()
+    for place in sorted(found, key=order):
+        name = place.relative_to(folder).as_posix()
+        name = folder.resolve().name if place == folder else name
+        jobs += read_jobs(place, printable(name))
+    return jobs
 
 
 def read_jobs(place: Path, name: str) -> list[SweepJob]:
@@ -151,37 +146,36 @@ def read_jobs(place: Path, name: str) -> list[SweepJob]:
         name: the job's.
     """
     settings: Mapping[str, object] = {}
-    tables: Mapping[tuple[str, str], curve.BerTable | None] = {}
-    status: Status = "done"
-    complaint = ""
+    tables: Mapping[tuple[str, str], curve.BerTable] = {}
+    path, status, complaint = place / TABLE, "done", ""
     try:
         settings = config.read_flat(place / run_folder.CONFIG)
     except VoccError as error:
-        complaint = printable(str(error))
+        complaint = str(error)
     try:
-        if not (place / TABLE).exists():
+        if not path.exists():
             status = "unfinished"
             complaint = (
                 f"no {TABLE} yet: the same command, run again, finishes this job"
             )
-        elif not (tables := rate_tables.read_tables(place / TABLE)):
-            raise VoccError(f"{place / TABLE} has no point in it")
+        elif not (tables := rate_tables.read_tables(path)):
+            raise VoccError(f"{path} has no point in it")
     except VoccError as error:
-        status, complaint = "unreadable", printable(str(error))
+        status, complaint = "unreadable", str(error)
     if (place / FAILED).exists() and status != "unreadable":
         status, complaint = "failed", f"{FAILED} cannot be read"
         with suppress(VoccError):
-            lines = read_file(place / FAILED).decode("utf-8", "replace").splitlines()
-            complaint = printable(lines[0]) if lines else f"{FAILED} is empty"
+            text = read_file(place / FAILED).decode("utf-8", "replace")
+            complaint = (text.splitlines() or [f"{FAILED} is empty"])[0]
     return [
         SweepJob(
             name,
             status,
-            complaint,
+            printable(complaint),
             table,
             {**settings, axis: value} if axis and settings else settings,
         )
-        for (axis, value), table in (tables or {("", ""): None}).items()
+        for (axis, value), table in (tables or {("", ""): curve.BerTable()}).items()
     ]
 
 
@@ -200,27 +194,22 @@ def differing_keys(jobs: Sequence[SweepJob]) -> list[str]:
         ['seed']
     """
     known = [job.settings for job in jobs if job.settings]
-    keys = dict.fromkeys(
-        key for settings in known for key in settings if changes_results(key)
-    )
     texts = {
-        key: [setting_text(settings.get(key)) for settings in known] for key in keys
+        key: [setting_text(settings.get(key)) for settings in known]
+        for key in dict.fromkeys(chain.from_iterable(known))
+        if key.partition(".")[0] not in _NO_RESULT
     }
     differing = [key for key, values in texts.items() if len(set(values)) > 1]
     named = [name for name in _NAMES if name in differing]
     others = [key for key in differing if key not in named]
     for name in named:
         # A key of the group is settled by the name where each name has one value of it.
-        group, names = name.removesuffix("name"), texts[name]
-        pairs = {
-            key: set(zip(names, texts[key], strict=True))
-            for key in others
-            if key.startswith(group)
-        }
         others = [
             key
             for key in others
-            if key not in pairs or len(pairs[key]) > len(set(names))
+            if not key.startswith(name.removesuffix("name"))
+            or len(set(zip(texts[name], texts[key], strict=True)))
+            > len(set(texts[name]))
         ]
     return named + others
 
@@ -236,9 +225,9 @@ def setting_text(value: object) -> str:
         return json.dumps(value)
     if isinstance(value, list):
         return f"[{','.join(map(setting_text, value))}]"
-    return (
-        styles.value_text(value) if isinstance(value, float) else printable(str(value))
-    )
+    if isinstance(value, float):
+        return styles.value_text(value)
+    return printable(str(value))
 
 
 def label(job: SweepJob, keys: Sequence[str]) -> str:
@@ -252,15 +241,12 @@ def label(job: SweepJob, keys: Sequence[str]) -> str:
     """
     if not job.settings:
         return "settings not known"
-    last = [key.rpartition(".")[2] for key in keys]
-    short = {
-        key: word if last.count(word) == 1 else key
-        for key, word in zip(keys, last, strict=True)
-    }
-    short |= {name: name.removesuffix(".name") for name in _NAMES}
-    return ", ".join(
-        f"{short[key]}={setting_text(job.settings.get(key))}" for key in keys
-    )
+    last, parts = [key.rpartition(".")[2] for key in keys], []
+    for key, word in zip(keys, last, strict=True):
+        short = word if last.count(word) == 1 else key
+        short = key.removesuffix(".name") if key in _NAMES else short
+        parts.append(f"{short}={setting_text(job.settings.get(key))}")
+    return ", ".join(parts)
 
 
 def collected_rows(
@@ -281,17 +267,9 @@ def collected_rows(
         values = [
             setting_text(job.settings.get(key)) if job.settings else "" for key in keys
         ]
-        for written in (
-            rate_tables.ber_rows(job.table)[1:]
-            if job.table
-            else [[""] * len(curve.COLUMNS)]
-        ):
-            yield [job.name, job.status, *values, *written, job.complaint]
-
-
-def changes_results(key: str) -> bool:
-    """Whether a key can change a number of a result."""
-    return key.partition(".")[0] not in _NO_RESULT
+        _, *points = rate_tables.ber_rows(job.table)
+        for point in points or [[""] * len(curve.COLUMNS)]:
+            yield [job.name, job.status, *values, *point, job.complaint]
 
 
 MOST_FACETS = 30
@@ -315,7 +293,7 @@ def jobs_figure(jobs: Sequence[SweepJob], keys: Sequence[str], title: str) -> Fi
         >>> len(jobs_figure([SweepJob("0", "failed", "no panel")], [], "Jobs").axes)
         1
     """
-    shown = [row for job in jobs for row in job.table or ()]
+    shown = [row for job in jobs for row in job.table]
     looks, panels = styles.receiver_styles(row.receiver for row in shown), list[Panel]()
     for job in jobs:
         about = [label(job, keys), "" if job.status == "done" else job.status]
@@ -328,12 +306,11 @@ def jobs_figure(jobs: Sequence[SweepJob], keys: Sequence[str], title: str) -> Fi
     columns = len(jobs) if len(jobs) <= 3 else min(5, math.ceil(math.sqrt(len(jobs))))
     locators = ", ".join(dict.fromkeys(row.locator for row in shown))
     without = sum(not job.table for job in jobs)
-    parts = [f"locator: {locators}"] if locators else []
-    if without:
-        parts.append(f"{without} job{'s have' if without > 1 else ' has'} no points")
-    notes = [" \N{MIDDLE DOT} ".join(parts)] * bool(parts)
-    notes += [interval_note(shown)] * bool(shown)
-    note = "\n".join(notes)
+    parts = [f"locator: {locators}"] * bool(shown)
+    parts += [f"{without} job{'s have' if without > 1 else ' has'} no points"] * (
+        without > 0
+    )
+    note = " \N{MIDDLE DOT} ".join(parts) + f"\n{interval_note(shown)}" * bool(shown)
     return curve_figure(panels, title, note, columns)
 
 
@@ -355,31 +332,25 @@ def print_jobs(jobs: Sequence[SweepJob], keys: Sequence[str], console: Console) 
     shown = plain_table()
     shown.add_column("job", overflow="fold")
     shown.add_column("what differs", overflow="fold", max_width=_MOST_LABEL)
-    for head in ("receiver", "lowest", "highest"):
-        side: Literal["left", "right"] = "left" if head == "receiver" else "right"
-        shown.add_column(head, justify=side, no_wrap=True)
+    shown.add_column("receiver", no_wrap=True)
+    for head in ("lowest", "highest"):
+        shown.add_column(head, justify="right", no_wrap=True)
     shown.add_column("status", no_wrap=True)
-    tables = [job.table for job in jobs if job.table]
+    points = [row for job in jobs for row in job.table]
     for job in jobs:
-        cells: list[list[str]] = [[], [], []]
-        for name in job.table.receivers if job.table else ():
-            rows = job.table.of(name) if job.table else ()
-            rows = tuple(sorted(rows, key=lambda row: (row.ber, row.ber_high)))
-            ends = (
-                styles.rate_or_limit(row.ber, row.ber_high)
-                for row in (rows[0], rows[-1])
-            )
-            for column, text in zip(cells, (name, *ends), strict=True):
-                column.append(text)
-        label_text = Text(label(job, keys))
-        shown.add_row(Text(job.name), label_text, *map("\n".join, cells), job.status)
+        cells = []
+        for name in job.table.receivers:
+            rates = sorted((row.ber, row.ber_high) for row in job.table.of(name))
+            ends = rates[0], rates[-1]
+            cells.append((name, *(styles.rate_or_limit(*rate) for rate in ends)))
+        columns = map("\n".join, zip(*cells or [("", "", "")], strict=True))
+        shown.add_row(Text(job.name), Text(label(job, keys)), *columns, job.status)
     console.print(shown)
     unread = [job for job in jobs if job.complaint]
     lines = [f"job {job.name} {job.status}: {job.complaint}" for job in unread]
     run_folder.say(console, *lines)
-    if tables:
-        key = "BER: each job's lowest and highest point"
-        free = any(row.error_free for table in tables for row in table)
-        console.print(
-            Text(key + "; <: no errors, 95 % upper limit" * free, style="dim")
-        )
+    if points:
+        free = any(row.error_free for row in points)
+        text = "BER: each job's lowest and highest point"
+        text += "; <: no errors, 95 % upper limit" * free
+        console.print(Text(text, style="dim"))

@@ -19,7 +19,7 @@ from vocc_torch.measure import (
     timing,
     train,
 )
-from vocc_torch.measure.link import Link, block_keys
+from vocc_torch.measure.link import Link
 from vocc_torch.measure.plan import Plan
 from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.features import FEATURE_NAMES
@@ -63,7 +63,6 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         VoccError: values that TensorBoard cannot tell apart, or whatever a stage refuses.
     """
     plan, console = build.build_plan(settings), terminal.Console()
-    is_grid = plan.experiment.row_axis is not None
     drawing: dict[str, sweep.Prepare] = {}
     if target := plan.budget.sampling:
         drawing["prepare"] = PlugIn.of("budget.sampling", target).made
@@ -78,14 +77,14 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         curves = count_curves(run, plan, **drawing)
         figures = write_results(settings, plan, training, curves, folder)
     for measured in curves:
-        if is_grid:
+        if plan.experiment.row_axis:
             run_folder.say(console, f"\n{measured.experiment}")
         terminal.print_table(measured, console)
         run_folder.say(console, *notes_on(plan, measured))
     run_folder.say(console, kept(plan))
     written = [("table", "ber.csv"), ("pairs", "paired.csv")]
     written += [("figure", f"{name}.png") for name in figures]
-    written.append(("receiver", "receiver.pt"))
+    written += [("receiver", "receiver.pt")]
     run_folder.print_places(console, folder, written, settings.tensorboard)
 
 
@@ -108,16 +107,16 @@ def count_curves(run: Run, plan: Plan, **drawing: sweep.Prepare) -> list[curve.C
         for row in rows:
             found = dict[float, runner.Outcome]()
             for at in row.experiment.simulated_values:
-                done = found[at] = next(outcomes)
-                points = sweep.curves_at(row, locator, {at: done})
+                found[at] = next(outcomes)
+                points = sweep.curves_at(row, locator, {at: found[at]})
                 rates = run.console.is_terminal
                 run_folder.say(run.console, *terminal.point_lines(points, rates=rates))
             curves.append(sweep.curves_at(row, locator, found))
             if not curves[-1].values:
-                fault = (
-                    "no frame fell into any contrast bin: widen the bins or the scenes"
+                raise VoccError(
+                    "experiment.values: no frame fell into any contrast bin:"
+                    " widen the bins or the scenes"
                 )
-                raise VoccError(f"experiment.values: {fault}")
     return curves
 
 
@@ -130,15 +129,17 @@ def demand_steps(experiment: config.Experiment) -> None:
     try:
         tensorboard.axis_steps(experiment.axis, experiment.result_values)
     except VoccError as error:
-        hint = "give values further apart, or tensorboard=false"
-        raise VoccError(f"experiment.values: {error}; {hint}") from None
+        raise VoccError(
+            f"experiment.values: {error};"
+            " give values further apart, or tensorboard=false"
+        ) from None
 
 
 def kept(plan: Plan) -> str:
     """Say which receiver is saved, and with which locator."""
-    if (locator := plan.receiver.locator) == "truth":
-        rule = "the locator paper: a recording has no true corners"
-        return f"receiver.pt holds {plan.receiver.save} with {rule}"
+    locator = plan.receiver.locator
+    if locator == "truth":
+        locator = "paper: a recording has no true corners"
     return f"receiver.pt holds {plan.receiver.save} with the locator {locator}"
 
 
@@ -168,9 +169,8 @@ def write_results(
         cells = grid.Grid(axis, plan.experiment.rows, curves)
         rate_tables.write_grid(folder / "ber.csv", cells)
         figures = {f"dimming_{cells.locator}": heatmap.dimming_figure(cells, names)}
-        tables = {
-            f"{axis}={at:g}": [row] for at, row in zip(cells.rows, curves, strict=True)
-        }
+        titles = (f"{axis}={at:g}" for at in cells.rows)
+        tables = {title: [row] for title, row in zip(titles, curves, strict=True)}
     else:
         (table,) = curves
         run_folder.write_rows(folder / "ber.csv", rate_tables.ber_rows(table))
@@ -187,16 +187,19 @@ def curve_figures(
 ) -> dict[str, plots.Figure]:
     """Draw a curve, and the features of On and Off LEDs, by the file's name without its end."""
     camera, panel = plan.world.camera, plan.world.panel.shape
-    setup = f"{panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
-    title = f"Bit error rate, experiment “{plan.experiment.name}”: {setup}"
+    title = (
+        f"Bit error rate, experiment “{plan.experiment.name}”:"
+        f" {panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
+    )
     names = [
         feature.upper() if feature in FEATURE_NAMES else feature
         for feature in plan.receiver.reader.names
     ]
-    features = training.features, training.bits, names
     return {
         "ber": plots.ber_figure(table, title),
-        "features": led_plots.feature_histograms(*features),
+        "features": led_plots.feature_histograms(
+            training.features, training.bits, names
+        ),
     }
 
 
@@ -205,17 +208,25 @@ def notes_on(plan: Plan, curves: curve.Curves) -> list[str]:
     reference, names = plan.receiver.reference, curves.receivers
     totals = {name: curves.total(name) for name in names}
     best = min(totals, key=lambda name: totals[name].ber)
-    about = {"plan": plan, "curves": curves, "best": best, "counts": totals[best]}
-    about["is_spent"] = all(row.stopped_by == "frames" for row in curves.of(best))
-    about["differences"] = {
+    differences = {
         name: {
             styles.value_text(value): curves.difference(name, reference, value)
             for value in curves.values
         }
-        for name in (names if reference in names and curves.pairs else ())
-        if name != reference
+        for name in names
+        if reference in names and curves.pairs and name != reference
     }
-    return page.render(__package__, "notes.txt.j2", **about).splitlines()
+    text = page.render(
+        __package__,
+        "notes.txt.j2",
+        plan=plan,
+        curves=curves,
+        best=best,
+        counts=totals[best],
+        is_spent=all(row.stopped_by == "frames" for row in curves.of(best)),
+        differences=differences,
+    )
+    return text.splitlines()
 
 
 def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, plots.Pixels]:
@@ -233,30 +244,19 @@ def sample_frames(plan: Plan, receiver: Receiver) -> dict[str, plots.Pixels]:
     plan = replace(plan, world=replace(plan.world, framing="crop"), batch_frames=most)
     link, pictures = Link.of(plan), {}
     receiver = receiver.to(link.simulator.device)
-    for value in plan.experiment.simulated_values:
-        name, model = (
-            plan.experiment.point_name(value),
-            plan.experiment.model_at(plan.world, value),
-        )
-        observation = next(
-            link.observe(model, block_keys(plan.seed, name, most), preambles=False)
-        )
-        read, columns, key = (
-            receiver(observation.frames, observation.panels),
-            [],
-            BlockKey(plan.seed, name, 0),
-        )
-        for i, crop in enumerate(
-            samples.crops(link.simulator, key, model, most, model.nearest_m)
-        ):
+    for name, model in sweep.scenes_of(plan, "test").items():
+        key, columns = BlockKey(plan.seed, name, 0), []
+        observation = next(link.observe(model, [key], preambles=False))
+        read = receiver(observation.frames, observation.panels)
+        crops = samples.crops(link.simulator, key, model, most, model.nearest_m)
+        for i, crop in enumerate(crops):
             # A panel is some 30 pixels wide; a crop of a near one is large enough as it is.
             scale = max(1, min(6, 1200 // crop.pixels.shape[1]))
-            plain = drawn = np.asarray(enlarged(crop.pixels, scale))
+            plain = drawn = enlarged(crop.pixels, scale)
             if read.found[i]:
                 corners = (read.corners_px[i].cpu() - crop.origin_px).numpy()
-                drawn = np.asarray(
-                    annotated(crop.pixels, corners, read.bits[i].cpu().numpy(), scale)
-                )
+                bits = read.bits[i].cpu().numpy()
+                drawn = annotated(crop.pixels, corners, bits, scale)
             columns.append(np.concatenate([plain, drawn]))
         pictures[name] = np.concatenate(columns, axis=1)
     return pictures

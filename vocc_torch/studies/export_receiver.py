@@ -30,10 +30,10 @@ class GraphDifference(NamedTuple):
         most: by which a score differs.
     """
 
-    bits: int = 0
-    bits_apart: int = 0
-    scores_apart: int = 0
-    most: float = 0.0
+    bits: int
+    bits_apart: int
+    scores_apart: int
+    most: float
 
     def __str__(self) -> str:
         """Say it in a line."""
@@ -53,22 +53,20 @@ def run_export_receiver(
     study, console = build.build_plan(settings), terminal.Console()
     study = replace(study, experiment=replace(study.experiment, training={}))
     receiver = receiver_of(settings, study, at_truth=False).cpu()
-    finds = receiver.locator.exportable
-    if not finds:
-        console.print(
-            "the graph takes the corners as an input: it has no locator",
-            highlight=False,
+    names = GRAPHS[: 1 + receiver.locator.exportable]
+    if names != GRAPHS:
+        run_folder.say(
+            console, "the graph takes the corners as an input: it has no locator"
         )
-    for inputs, name in zip((2, 1), GRAPHS if finds else GRAPHS[:1], strict=False):
+    for inputs, name in zip((2, 1), names, strict=False):
         drawn = next(crops(study, 2))[:inputs]
         onnx_graph.write_graph(receiver, folder / name, *drawn)
-        inputs_of_crops = (crop[:inputs] for crop in crops(study, graph.frames))
         apart = compared(
             onnx_graph.TensorReceiver(receiver),
             onnx_graph.read_graph(folder / name),
-            inputs_of_crops,
+            (crop[:inputs] for crop in crops(study, graph.frames)),
         )
-        console.print(f"{name}: {apart}", highlight=False, soft_wrap=True)
+        run_folder.say(console, f"{name}: {apart}")
         run_folder.print_places(console, folder, [("graph", name)])
     run_folder.write_config(settings, folder)
     if settings.model is None:
@@ -104,16 +102,13 @@ def compared(
         graph: likewise.
         batches: what both are given.
     """
-    apart = GraphDifference()
+    counted = wrong = off = 0
+    most = 0.0
     for batch in batches:
         with torch.inference_mode():
             (bits, scores), (graph_bits, near) = receiver(*batch)[:2], graph(*batch)[:2]
-        off, wrong = int((scores != near).sum()), int((bits != graph_bits).sum())
-        most, counted = (
-            max(apart.most, float((scores - near).abs().max())),
-            apart.bits + bits.numel(),
-        )
-        apart = GraphDifference(
-            counted, apart.bits_apart + wrong, apart.scores_apart + off, most
-        )
-    return apart
+        counted += bits.numel()
+        wrong += int((bits != graph_bits).sum())
+        off += int((scores != near).sum())
+        most = max(most, float((scores - near).abs().max()))
+    return GraphDifference(counted, wrong, off, most)

@@ -1,13 +1,13 @@
 """Annotated pictures of a recording."""
 
+from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from vocc_torch.files import atomic_file
-from vocc_torch.report.annotation import annotated
+from vocc_torch.report.annotation import annotated, enlarged
 from vocc_torch.studies.decode.reading import Reading
 
 MOST_NAME_BYTES = 200
@@ -15,7 +15,7 @@ MOST_NAME_BYTES = 200
 
 
 class Album:
-    """Annotated pictures in a run's folder, one a frame of a picture.
+    """Annotated pictures in a run's folder, one for each frame of a picture.
 
     Args:
         folder: the run's folder.
@@ -23,40 +23,33 @@ class Album:
     """
 
     def __init__(self, folder: Path, scale: int) -> None:
-        self.folder = folder / "annotated"
-        self.scale = scale
+        self.folder, self.scale = folder / "annotated", scale
         self.names: set[str] = set()
-        self._picture: Image.Image | None = None
-        self._frame: tuple[str, int, str] | None = None
-        self._name = ""
 
-    def add(self, reading: Reading) -> None:
-        """Draw a reading; further panels of a frame are drawn into the same picture.
+    def add(self, panels: Sequence[Reading]) -> None:
+        """Draw the panels that were found in a frame.
+
+        Args:
+            panels: of one frame, at least one.
 
         Raises:
             OSError: the disk is full.
         """
-        frame = reading.frame.source, reading.frame.index, reading.frame.light
-        picture, scale = reading.frame.colour, self.scale
-        if frame == self._frame:
-            picture, scale = np.asarray(self._picture), 1
-        else:
-            self._frame = frame
-            self._name = self._free_name(reading.frame.source, reading.frame.light)
-        corners_px = reading.corners_px * (self.scale / scale)
-        self._picture = annotated(picture, corners_px, reading.bits, scale)
-        with atomic_file(self.folder / f"{self._name}.png") as temporary:
-            self._picture.save(temporary, format="PNG")
+        frame = panels[0].frame
+        picture = enlarged(frame.colour, self.scale)
+        for panel in panels:
+            corners_px = panel.corners_px * self.scale
+            picture = annotated(np.asarray(picture), corners_px, panel.bits)
+        name = self._free_name(frame.source, frame.light)
+        with atomic_file(self.folder / f"{name}.png") as temporary:
+            picture.save(temporary, format="PNG")
 
     def _free_name(self, source: str, light: str) -> str:
         """Choose a name that no picture has, also on a disk that does not tell upper from lower case."""
         stem = Path(source).stem.encode()[:MOST_NAME_BYTES].decode(errors="ignore")
-        if light:
-            stem += f"-{light}"
-        name = stem
-        for number in count(1):
-            if name.casefold() not in self.names:
-                break
-            name = f"{stem}-{number}"
+        stem += f"-{light}" * bool(light)
+        name, numbers = stem, count(1)
+        while name.casefold() in self.names:
+            name = f"{stem}-{next(numbers)}"
         self.names.add(name.casefold())
         return name

@@ -60,9 +60,8 @@ class Mix(NamedTuple):
         if not self.weights:
             return to_grey(colour, self.name)
         light = LIGHT_OF_GREY[colour] if self.linear else colour
-        mixed = np.float32(self.offset) + light @ np.array(
-            self.weights, dtype=np.float32
-        )
+        weights = np.array(self.weights, dtype=np.float32)
+        mixed = np.float32(self.offset) + light @ weights
         if self.linear:
             mixed = 255 * (mixed / 255).clip(0, 1) ** (1 / GAMMA)
         return mixed.round().clip(0, 255).astype(np.uint8)
@@ -70,12 +69,10 @@ class Mix(NamedTuple):
     def __str__(self) -> str:
         """Name it, with its weights."""
         parts = [
-            f"{w:+.3g} {name}"
+            f"{w:+.3g} {name} "
             for w, name in zip(self.weights, CHANNELS[2:5], strict=False)
         ]
-        return self.name + f" ({' '.join([*parts, f'{self.offset:+.3g}'])})" * bool(
-            parts
-        )
+        return self.name + f" ({''.join(parts)}{self.offset:+.3g})" * bool(parts)
 
 
 FIXED = (
@@ -108,16 +105,12 @@ def channel_of(receiver: Receiver, colours: Sequence[Bytes]) -> tuple[Mix, float
     best = _best(judged, receiver.shape)
     read = judged[best].read
     cells = _cells(receiver, np.stack(colours), read.panels)
-    for name, margin in (
-        ("On against Off", False),
-        ("On against Off and surround", True),
-    ):
-        if (found := fisher_mix(cells, read.bits[read.found], margin)) is not None:
+    for margin, name in enumerate(("On against Off", "On against Off and surround")):
+        if found := fisher_mix(cells, read.bits[read.found], bool(margin)):
             mix = Mix(name, *found)
             judged[mix] = _judged(receiver, mix, colours)
     best = _best(judged, receiver.shape)
-    sure, apart, _ = judged[best]
-    return best, apart, sure
+    return best, judged[best].apart, judged[best].sure
 
 
 class _Judged(NamedTuple):
@@ -136,11 +129,8 @@ def _best(judged: Mapping[Mix, _Judged], shape: PanelShape) -> Mix:
     for mix, (sure, apart, read) in judged.items():
         off_px = (read.corners_px - corners_px).norm(dim=-1).amax(dim=-1)
         same = bool((off_px <= reach_px)[read.found].all())
-        clearly = (
-            luma.apart
-            * (SETTINGS.clearly if same else SETTINGS.elsewhere)
-            * (sure <= luma.sure)
-        )
+        times = SETTINGS.clearly if same else SETTINGS.elsewhere
+        clearly = luma.apart * times * (sure <= luma.sure)
         if sure >= luma.sure and apart >= max(LIMITS.least_parted, clearly):
             best = max(best, mix, key=lambda two: judged[two][:2])
     return best
@@ -161,10 +151,10 @@ def _judged(receiver: Receiver, mix: Mix, colours: Sequence[Bytes]) -> _Judged:
 
 def _cells(receiver: Receiver, colours: Numbers, panels: Panels) -> torch.Tensor:
     """Average the cells (n,R+2,C+2,3) of the panels found in colours (N,H,W,3)."""
-    planes = torch.from_numpy(colours).permute(3, 0, 1, 2).to(receiver.device)
-    takes = [Frames.whole(plane.contiguous()) for plane in planes]
-    patches = [rectify(take, panels, receiver.shape, 8) for take in takes]
-    means = [cell_means(one, receiver.shape).double() for one in patches]
+    means, shape = [], receiver.shape
+    for plane in torch.from_numpy(colours).permute(3, 0, 1, 2).to(receiver.device):
+        patches = rectify(Frames.whole(plane.contiguous()), panels, shape, 8)
+        means.append(cell_means(patches, shape).double())
     return torch.stack(means, dim=-1)[panels.found]
 
 
@@ -226,30 +216,28 @@ def unmixed(
     if not len(rows):
         return best, ()
     bits = rows > (rows.amin(0) + rows.amax(0)) / 2
+    least = SETTINGS.least_singular * len(rows) ** 0.5
     for _ in range(SETTINGS.rounds):
-        told = torch.cat([torch.ones_like(rows[:, :1]), bits.double()], 1)
-        if (
-            float(torch.linalg.svdvals(told)[-1])
-            < SETTINGS.least_singular * len(rows) ** 0.5
-        ):
+        design = torch.nn.functional.pad(bits.double(), (1, 0), value=1.0)
+        if torch.linalg.svdvals(design)[-1] < least:
             return best, ()
-        light = torch.linalg.lstsq(told, rows, driver="gelsd").solution
-        own = torch.linalg.pinv(light[1:])
-        before, bits = bits, (rows - light[0]) @ own > 0.5
+        light = torch.linalg.lstsq(design, rows, driver="gelsd").solution
+        inverse = torch.linalg.pinv(light[1:])
+        before, bits = bits, (rows - light[0]) @ inverse > 0.5
         if torch.equal(before, bits):
             break
     strength, channel = light[1:].max(1)
-    own = own * strength
-    offsets = (light[0, channel] - light[0] @ own).tolist()
-    each = zip(CHANNELS[2:5], own.T.tolist(), offsets, strict=True)
-    mixes = [Mix(name, tuple(weights), offset, True) for name, weights, offset in each]
-    for mix in mixes:
+    inverse = inverse * strength
+    offsets = (light[0, channel] - light[0] @ inverse).tolist()
+    mixes = list[Mix]()
+    each = zip(CHANNELS[2:5], inverse.T.tolist(), offsets, strict=True)
+    for name, weights, offset in each:
+        mix = Mix(name, tuple(weights), offset, True)
         with torch.inference_mode():
             read = receiver(_plane(receiver, mix, colours), panels)
+        apart = parted(read.scores, read.bits)[panels.found].mean()
         # NaN where no panel is found, which is no distance either.
-        if (
-            not parted(read.scores, read.bits)[panels.found].mean()
-            >= SETTINGS.least_parted
-        ):
+        if not apart >= SETTINGS.least_parted:
             return best, ()
+        mixes.append(mix)
     return best, tuple(mixes)

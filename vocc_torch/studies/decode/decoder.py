@@ -82,13 +82,14 @@ def decode(
         raise VoccError(str(error).removeprefix("decode.")) from None
     failures: list[str] = []
     recording = readable(read_source(source, config.first_channel), failures)
-    every = turned(recording, turn, mirror)
-    parts = rows, columns, plug_ins, false_alarms, device
-    receiver, every, choice = sized_receiver(every, model, *parts)
+    recording = turned(recording, turn, mirror)
+    receiver, recording, choice = sized_receiver(
+        recording, model, rows, columns, plug_ins, false_alarms, device
+    )
     if choice is not None and not choice.is_sure:
         warnings.warn(str(choice), stacklevel=2)
     is_live = isinstance(source, str) and is_stream(source)
-    readings, _ = readings_of(receiver, every, config, is_live)
+    readings, _ = readings_of(receiver, recording, config, is_live)
     return with_warning(readings, failures)
 
 
@@ -131,8 +132,7 @@ def sized_receiver(
         if name not in SHIPPED:
             rule = "a whole number for a receiver that does not ship"
             raise VoccError.of("panel.rows or panel.columns", AUTO, rule)
-        first = list(islice(recording, SETTINGS.frames))
-        recording = chain(first, recording)
+        first, recording = looked_ahead(recording)
         greys = [frame.grey for frame in first]
         choice = find_shape(name, greys, rows or AUTO, columns or AUTO)
         rows, columns = choice.shape.sides
@@ -149,16 +149,27 @@ def sized_receiver(
     if shape != has and name in SHIPPED:
         receiver = shipped_receiver(name, shape)
     elif shape != has:
-        size = f"panel.rows x panel.columns is {shape.rows} x {shape.columns}"
-        reads = f"model {model} reads a panel of {has.rows} x {has.columns} LEDs"
-        raise VoccError(f"{reads}, and {size}: make them agree")
+        raise VoccError(
+            f"model {model} reads a panel of {has.rows} x {has.columns} LEDs, and"
+            f" panel.rows x panel.columns is {shape.rows} x {shape.columns}: make them"
+            " agree"
+        )
     if false_alarms is not None:
         if not is_adjustable(receiver.locator):
-            words = locator_words(receiver.locator)[0]
-            rule = f"only detector states them, and the model's locator is {words}"
-            raise VoccError(f"receiver.false_alarms is {false_alarms}: {rule}")
+            raise VoccError(
+                f"receiver.false_alarms is {false_alarms}: only detector states them,"
+                f" and the model's locator is {locator_words(receiver.locator)[0]}"
+            )
         receiver.locator = receiver.locator.at_rate(false_alarms)
     return receiver.to(resolve_device(device)), recording, choice
+
+
+def looked_ahead(
+    recording: Iterator[RecordedFrame],
+) -> tuple[list[RecordedFrame], Iterator[RecordedFrame]]:
+    """Give the first frames, which decide for all of a recording, and all of it."""
+    first = list(islice(recording, SETTINGS.frames))
+    return first, chain(first, recording)
 
 
 def readings_of(
@@ -179,7 +190,7 @@ def readings_of(
         VoccError: colours that cannot be separated, or several panels of a locator that sees one.
     """
     recording, text, lights = in_channel(receiver, recording, config.channel)
-    follow = config.follow or ("true" if is_live else "false")
+    follow = config.follow or str(is_live).lower()
     at_once = 1 if is_live else 64
     found = read_panels(receiver, recording, config.most, follow, lights, at_once)
     return found, text
@@ -195,32 +206,28 @@ def in_channel(
     """
     if channel not in ("auto", "unmix"):
         return recording, "", ()
-    first = list(islice(recording, SETTINGS.frames))
-    every, size = chain(first, recording), first[0].colour.shape
+    first, recording = looked_ahead(recording)
+    size, mixes = first[0].colour.shape, tuple[Mix, ...]()
     shown = [frame.colour for frame in first if frame.colour.shape == size]
+    frames = f"the first {len(shown)} frames"
     if channel == "unmix":
-        best, mixes = unmixed(receiver, shown)
+        mix, mixes = unmixed(receiver, shown)
         if not mixes:
-            none = f"the first {len(shown)} frames show no panel on which three colours differ"
-            raise VoccError.of(
-                "decode.channel", "unmix", f"auto, or one channel: {none}"
-            )
+            rule = f"auto, or one channel: {frames} show no panel on which three colours differ"
+            raise VoccError.of("decode.channel", "unmix", rule)
         weights = "; ".join(map(str, mixes))
-        text = (
-            f"decode.channel=unmix: {weights}, of linear light; located in {best.name}"
+        text = f"{weights}, of linear light; located in {mix.name}"
+    else:
+        mix, apart, sure = channel_of(receiver, shown)
+        reason = (
+            f"On and Off lie {apart:.3g} standard deviations apart in {frames},"
+            f" {sure} of them without doubt"
         )
-        return in_plane(every, best), text, mixes
-    mix, apart, sure = channel_of(receiver, shown)
-    reason = f"On and Off lie {apart:.3g} standard deviations apart in the first {len(shown)} frames"
-    reason += f", {sure} of them without doubt"
-    if math.isnan(apart):
-        reason = f"the first {len(shown)} frames are grey"
-    elif not apart:
-        reason = f"no panel was found in the first {len(shown)} frames"
-    frames = every if mix.name == "luma" else in_plane(every, mix)
-    return frames, f"decode.channel=auto: {mix}, for {reason}", ()
-
-
-def in_plane(recording: Iterator[RecordedFrame], mix: Mix) -> Iterator[RecordedFrame]:
-    """Replace the greys of frames by another mix of their colours."""
-    return (replace(frame, grey=mix(frame.colour)) for frame in recording)
+        if math.isnan(apart):
+            reason = f"{frames} are grey"
+        elif not apart:
+            reason = f"no panel was found in {frames}"
+        text = f"{mix}, for {reason}"
+    if mixes or mix.name != "luma":
+        recording = (replace(frame, grey=mix(frame.colour)) for frame in recording)
+    return recording, f"decode.channel={channel}: {text}", mixes

@@ -60,9 +60,10 @@ def parted(scores: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
         >>> parted(torch.tensor([[[2.0, -2.0], [1.0, -1.0]], [[1.0, 2.0], [1.0, 2.0]]]), bits).tolist()
         [6.0, 0.0]
     """
-    both = [
-        (scores * one).sum(dim=(1, 2)) / one.sum(dim=(1, 2)) for one in (bits, ~bits)
-    ]
-    on, off = (one[:, None, None] for one in both)
-    spread = (scores - torch.where(bits, on, off)).square().mean(dim=(1, 2)).sqrt()
-    return ((both[0] - both[1]) / spread).nan_to_num(nan=0.0)
+    sides = (1, 2)
+    on, off = (
+        (scores * group).sum(sides, True) / group.sum(sides, True)
+        for group in (bits, ~bits)
+    )
+    squares = (scores - torch.where(bits, on, off)).square()
+    return ((on - off).flatten() / squares.mean(sides).sqrt()).nan_to_num(nan=0.0)

@@ -85,11 +85,7 @@ class Reading:
     @property
     def text(self) -> str:
         """The bits as 0 and 1 in raster order; empty where no panel was found."""
-        return (
-            "".join("1" if bit else "0" for bit in self.bits.ravel())
-            if self.found
-            else ""
-        )
+        return "".join("01"[bit] for bit in self.bits.ravel().tolist()) * self.found
 
     @property
     def place(self) -> str:
@@ -100,14 +96,11 @@ class Reading:
     @property
     def judged(self) -> str:
         """The reading and its warnings, in words."""
-        doubt = ", doubtful" if self.is_doubtful else ""
-        doubt += ", LEDs look alike" * self.one_level
-        others = (
-            f"; best of {self.candidates} candidates" if self.candidates > 1 else ""
-        )
+        text = f"{self.place}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}"
+        text += ", doubtful" * self.is_doubtful + ", LEDs look alike" * self.one_level
         if not math.isnan(self.false_alarms):
-            others = f"; {self.false_alarms:.2g} false alarms expected per frame without a panel"
-        return f"{self.place}: least margin {self.margin:.3g}, panel score {self.panel_score:.2f}{doubt}{others}"
+            return f"{text}; {self.false_alarms:.2g} false alarms expected per frame without a panel"
+        return text + f"; best of {self.candidates} candidates" * (self.candidates > 1)
 
     def row(self) -> list[str]:
         """The frame's row of ``bits.csv``."""
@@ -158,8 +151,7 @@ def read_panels(
     """
     demand_several(receiver.locator, most)
     tracker = Tracker(receiver.locator, receiver.shape)
-    size = None
-    last = 0
+    size, last = None, 0
     for batch in batches(recording, frames_at_once, BATCH_PIXELS):
         if batch[0].grey.shape != size:
             size = batch[0].grey.shape
@@ -189,8 +181,8 @@ def read_panels(
             planes = torch.from_numpy(np.stack([mix(frame.colour) for frame in frames]))
             lit = [replace(frame, light=mix.name) for frame in frames]
             with torch.inference_mode():
-                own = receiver(planes.to(receiver.device), read.panels)
-            found += _readings(receiver, lit, tracks, own)
+                decoded = receiver(planes.to(receiver.device), read.panels)
+            found += _readings(receiver, lit, tracks, decoded)
         # Stable: of a frame the panels of each colour, one colour after another.
         rows = zip(whose * max(1, len(lights)), found, strict=True)
         yield from (reading for _, reading in sorted(rows, key=lambda row: row[0]))

@@ -6,6 +6,8 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import closing
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,6 +46,8 @@ if TYPE_CHECKING:
     from vocc_torch.measure.plan import Plan
 
 MS_PER_S = 1000
+_picture_of = attrgetter("frame.source", "frame.index", "frame.light")
+"""Names the picture that a panel is drawn into."""
 
 
 def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
@@ -54,26 +58,20 @@ def run_decode(settings: Settings, config: DecodeConfig, folder: Path) -> None:
     """
     if settings.input is None:
         raise VoccError(f"input is null: task=decode needs input=PICTURE; {ALLOWED}")
-    if is_stream(settings.input):
-        stream = LiveStream(
-            settings.input,
-            config.first_channel,
-            grey_only=config.grey_only,
-            newest=config.newest,
-        )
+    source, channel, grey_only = settings.input, config.first_channel, config.grey_only
+    if is_stream(source):
+        stream = LiveStream(source, channel, grey_only=grey_only, newest=config.newest)
         with closing(stream):
             run_live(settings, config, folder, stream)
         return
     if config.newest is not None:
-        rule = f"null where input is a file, as {settings.input}"
+        rule = f"null where input is a file, as {source}"
         raise VoccError.of("decode.newest", config.newest, rule)
-    if config.scale > 1 and settings.input.lower().endswith(VIDEO_SUFFIXES):
-        rule = f"1 where input is a video, as {settings.input}: pictures are annotated"
+    if config.scale > 1 and source.lower().endswith(VIDEO_SUFFIXES):
+        rule = f"1 where input is a video, as {source}: pictures are annotated"
         raise VoccError.of("decode.scale", config.scale, rule)
     failures: list[str] = []
-    files = read_recording(
-        Path(settings.input), config.first_channel, grey_only=config.grey_only
-    )
+    files = read_recording(Path(source), channel, grey_only=grey_only)
     run_files(settings, config, folder, readable(files, failures), failures)
 
 
@@ -90,68 +88,89 @@ def run_files(
         VoccError: no panel in any frame; at the end, files that cannot be read.
     """
     console = Console()
-    receiver, readings = readings_for(settings, config, folder, recording, console)
+    receiver, readings = readings_for(settings, config, recording, console)
     summary, rows = Summary(), list[Cells]([COLUMNS])
     album = Album(folder, config.scale)
     viewer = Viewer() if config.show else None
     total = expected_frames(Path(settings.input or ""))
     try:
         with ProgressView(total, console, "decoding") as view:
-            for reading in readings:
-                rows.append(reading.row())
-                summary.add(reading)
+            for _, panels in groupby(readings, _picture_of):
+                found = list[Reading]()
+                for reading in panels:
+                    rows.append(reading.row())
+                    summary.add(reading)
+                    found += [reading] * reading.found
+                    if viewer is not None:
+                        viewer.show(reading)
                 view.advance("decoding", summary.frames - view.done)
-                if reading.found and config.annotate and reading.frame.time_s is None:
-                    album.add(reading)
-                if viewer is not None:
-                    viewer.show(reading)
+                if found and config.annotate and found[0].frame.time_s is None:
+                    album.add(found)
     except BaseException:
         shutil.rmtree(album.folder, ignore_errors=True)
         raise
-    is_trained = settings.model is None
+    is_trained, frames = settings.model is None, summary.frames
     if summary.best is None:
         size = f"{receiver.shape.rows} x {receiver.shape.columns} LEDs"
-        nothing = f"input {settings.input} shows no panel of {size} in {summary.frames} of {summary.frames} frames"
+        nothing = f"input {settings.input} shows no panel of {size} in {frames} of {frames} frames"
         hint = summary.hint(config, is_trained, receiver)
         raise VoccError("; ".join([f"{nothing}: {hint}", *failures]))
     write_rows(folder / "bits.csv", rows)
     write_receiver(settings, receiver, folder)
     summary.print_best(console, config.most)
     places = [("bits", "bits.csv")]
-    if album.names:
-        places.append(("pictures", "annotated"))
-    if is_trained:
-        places.append(("receiver", "receiver.pt"))
+    places += [("pictures", "annotated")] * bool(album.names)
+    places += [("receiver", "receiver.pt")] * is_trained
     print_places(console, folder, places)
     for doubt in summary.doubts():
         warnings.warn(doubt, stacklevel=2)
     if failures:
-        rest = f"bits.csv has the {summary.frames} frames that could be read"
-        raise VoccError(f"{failures[0]}; {rest}")
+        raise VoccError(
+            f"{failures[0]}; bits.csv has the {frames} frames that could be read"
+        )
 
 
 def run_live(
     settings: Settings, config: DecodeConfig, folder: Path, stream: LiveStream
 ) -> None:
-    """Decode a live source until it ends or Ctrl-C.
+    """Print and write what is read of a live source as it comes, until it ends or Ctrl-C.
+
+    Each row of ``bits.csv`` is on the disk once it is printed.
 
     Raises:
         VoccError: the source fails; what it gave until then is written.
     """
     console = Console()
-    frames = iter(stream)
-    receiver, readings = readings_for(settings, config, folder, frames, console, True)
+    receiver, readings = readings_for(settings, config, iter(stream), console, True)
     viewer = Viewer() if config.show else None
     folder.mkdir(parents=True, exist_ok=True)
     write_receiver(settings, receiver, folder)
-    decode_live(readings, stream, folder / "bits.csv", console, viewer)
+    summary, latencies_s = Summary(), list[float]()
+    with (folder / "bits.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        try:
+            for reading in readings:
+                table.writerow(reading.row())
+                file.flush()
+                summary.add(reading)
+                if (arrived_s := reading.frame.arrived_s) is not None:
+                    latencies_s.append(time.monotonic() - arrived_s)
+                say(console, line_of(reading))
+                if viewer is not None:
+                    viewer.show(reading)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            say(console, summarised(summary, latencies_s, stream.dropped))
+    if not summary.frames:
+        raise VoccError(f"input {stream.source}: no frame arrived")
     print_places(console, folder, [("bits", "bits.csv")])
 
 
 def readings_for(
     settings: Settings,
     config: DecodeConfig,
-    folder: Path,
     recording: Iterator[RecordedFrame],
     console: Console,
     is_live: bool = False,
@@ -175,10 +194,10 @@ def readings_for(
         at_truth = finder is not None and finder.finds_several
         receiver = receiver_of(settings, plan, at_truth=at_truth)
     else:
-        panel, rate = vars(settings.panel), settings.receiver.false_alarms
-        sides, plug_ins = (panel["rows"], panel["columns"]), settings.plug_ins
+        rate, panel = settings.receiver.false_alarms, vars(settings.panel)
+        sides = panel["rows"], panel["columns"]
         receiver, recording, choice = sized_receiver(
-            recording, settings.model, *sides, plug_ins, rate, settings.device
+            recording, settings.model, *sides, settings.plug_ins, rate, settings.device
         )
         if choice is not None:
             say(console, str(choice))
@@ -199,9 +218,9 @@ def receiver_of(settings: Settings, plan: "Plan", *, at_truth: bool) -> Receiver
 
         return receiver_for(plan, at_truth=at_truth)
     panel, plug_ins = vars(settings.panel), settings.plug_ins
-    shape, device = (panel["rows"], panel["columns"]), settings.device
+    sides = panel["rows"], panel["columns"]
     receiver, *_ = sized_receiver(
-        iter(()), settings.model, *shape, plug_ins, device=device
+        iter(()), settings.model, *sides, plug_ins, device=settings.device
     )
     return receiver
 
@@ -237,53 +256,9 @@ def summarised(summary: Summary, latencies_s: Sequence[float], dropped: int) -> 
     return text + f"; {dropped} frames dropped" * bool(dropped)
 
 
-def decode_live(
-    readings: Iterator[Reading],
-    stream: LiveStream,
-    path: Path,
-    console: Console,
-    viewer: Viewer | None,
-) -> None:
-    """Print and write readings as they come; Ctrl-C ends them in order.
-
-    Args:
-        readings: what the receiver reads of the stream.
-        stream: where the frames come from.
-        path: the table of the bits, of which each row is on the disk once it is printed.
-        console: where a line a frame is printed.
-        viewer: shows each frame, or None.
-
-    Raises:
-        VoccError: the source fails; the table has the frames until then.
-    """
-    summary, latencies_s = Summary(), list[float]()
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(COLUMNS)
-        try:
-            for reading in readings:
-                table.writerow(reading.row())
-                file.flush()
-                summary.add(reading)
-                if reading.frame.arrived_s is not None:
-                    latencies_s.append(time.monotonic() - reading.frame.arrived_s)
-                say(console, line_of(reading))
-                if viewer is not None:
-                    viewer.show(reading)
-        except KeyboardInterrupt:
-            pass
-        finally:
-            say(console, summarised(summary, latencies_s, stream.dropped))
-    if not summary.frames:
-        raise VoccError(f"input {stream.source}: no frame arrived")
-
-
 def line_of(reading: Reading) -> str:
     """One line of the terminal for a frame: its time, its bits and their smallest margin."""
     time_s = reading.frame.time_s
     place = f"frame {reading.frame.index:6d}" if time_s is None else f"{time_s:9.3f} s"
-    return (
-        f"{place}  {reading.text}  margin {reading.margin:.3g}"
-        if reading.found
-        else f"{place}  no panel"
-    )
+    text = f"{reading.text}  margin {reading.margin:.3g}"
+    return f"{place}  {text if reading.found else 'no panel'}"

@@ -51,16 +51,13 @@ class ShapeChoice(NamedTuple):
 
     def __str__(self) -> str:
         """Say the shape and how sure it is, in one line."""
-        first, second = (
-            f"{one.rows} x {one.columns}" for one in (self.shape, self.next_shape)
+        first = "{} x {} ({:.2g} expected false alarms)".format(
+            *self.shape.sides, self.false_alarms
         )
-        rate, next_rate = f"{self.false_alarms:.2g}", f"{self.next_alarms:.2g}"
+        second = "{} x {} ({:.2g})".format(*self.next_shape.sides, self.next_alarms)
         if self.is_sure:
-            return f"panel is {first} ({rate} expected false alarms); next is {second} ({next_rate})"
-        return (
-            f"panel may be {first} ({rate} expected false alarms) or {second} ({next_rate}): "
-            "give panel.rows and panel.columns"
-        )
+            return f"panel is {first}; next is {second}"
+        return f"panel may be {first} or {second}: give panel.rows and panel.columns"
 
 
 def find_shape(
@@ -86,10 +83,9 @@ def find_shape(
         if rows in (AUTO, sides[0]) and columns in (AUTO, sides[1])
     ]
     if len(shapes) < 2:
-        key, value = (
-            ("panel.rows", rows) if columns == AUTO else ("panel.columns", columns)
-        )
-        usual = sorted({sides[key == "panel.columns"] for sides in SETTINGS.sides})
+        side = columns != AUTO
+        key, value = ("panel.rows", "panel.columns")[side], (rows, columns)[side]
+        usual = sorted({sides[side] for sides in SETTINGS.sides})
         raise VoccError.of(key, value, f"one of {usual} where the other is auto")
     choices = []
     for grey in greys:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
 from rich.console import Console
 
 from vocc_torch.receiver.receiver import Receiver
@@ -46,21 +47,21 @@ class Summary:
 
     def add(self, reading: Reading) -> None:
         """Count a reading."""
-        place = reading.frame.source, reading.frame.index
-        self.frames += place != self._last
-        self.shown += reading.found and place != self._last
-        self._last = place
+        place, alarms = (
+            (reading.frame.source, reading.frame.index),
+            reading.false_alarms,
+        )
+        is_new, self._last = place != self._last, place
+        self.frames += is_new
+        self.shown += reading.found and is_new
         if reading.frame.note:
             self.notes.setdefault(reading.frame.note, reading.frame.source)
         if not reading.found:
-            if (
-                reading.false_alarms > 0
-                and not self.least_alarms <= reading.false_alarms
-            ):
-                self.least_alarms, self.likeliest = reading.false_alarms, reading.place
+            if alarms > 0 and not self.least_alarms <= alarms:
+                self.least_alarms, self.likeliest = alarms, reading.place
             return
         self.found += 1
-        if not math.isnan(reading.false_alarms):
+        if not math.isnan(alarms):
             self.most = max(self.most, reading.candidates)
         self.doubtful += reading.is_doubtful
         self.alike += reading.one_level
@@ -71,11 +72,8 @@ class Summary:
         """Print the surest bits as they sit on the panel, of up to ``most`` panels of a frame."""
         if self.best is None:
             return
-        on, off = ("#", ".") if console.options.ascii_only else ("●", "·")
-        grid = [
-            "  " + " ".join(on if bit else off for bit in bits)
-            for bits in self.best.bits
-        ]
+        off, on = ".#" if console.options.ascii_only else "·●"
+        grid = ["  " + " ".join(row) for row in np.where(self.best.bits, on, off)]
         judged = (
             f"{self.best.judged}; panel found in {self.shown} of {self.frames} frames"
         )

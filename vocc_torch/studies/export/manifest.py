@@ -5,7 +5,7 @@ import json
 import os
 from pathlib import Path
 
-from vocc_torch.files import read_file, write_atomically
+from vocc_torch.files import ordinary_file, read_file, write_atomically
 from vocc_torch.report.folder import MANIFEST
 
 NAME = MANIFEST
@@ -22,31 +22,33 @@ def write(folder: Path) -> None:
         ...     agrees(Path(folder))
         True
     """
-    files = sorted(folder.iterdir())
-    for path in (*files, folder):
+    for path in (*folder.iterdir(), folder):
         handle = os.open(path, os.O_RDONLY)
         try:
             os.fsync(handle)
         finally:
             os.close(handle)
-    entries = {path.name: [path.stat().st_size, digest(path)] for path in files}
-    write_atomically(folder / NAME, json.dumps(entries, indent=0).encode())
+    write_atomically(folder / NAME, json.dumps(entries_of(folder), indent=0).encode())
 
 
 def agrees(folder: Path) -> bool:
     """Whether a folder holds the files of its manifest, with their sizes and digests, and no others."""
     try:
-        entries = json.loads(read_file(folder / NAME))
-        files = {path.name: path for path in folder.iterdir() if path.name != NAME}
-        return files.keys() == entries.keys() and all(
-            path.is_file() and entries[name] == [path.stat().st_size, digest(path)]
-            for name, path in files.items()
-        )
-    except (OSError, ValueError, AttributeError, RecursionError):
+        return bool(json.loads(read_file(folder / NAME)) == entries_of(folder))
+    except (OSError, ValueError, RecursionError):
         return False
 
 
-def digest(path: Path) -> str:
-    """Give the SHA-256 of a file, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def entries_of(folder: Path) -> dict[str, list[int | str]]:
+    """Give size and SHA-256, hexadecimal, of each file of a folder but the manifest.
+
+    Raises:
+        VoccError: a folder inside, a pipe or a device.
+    """
+    entries: dict[str, list[int | str]] = {}
+    for path in sorted(folder.iterdir()):
+        if path.name != NAME:
+            with ordinary_file(path) as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+            entries[path.name] = [path.stat().st_size, digest]
+    return entries

@@ -1,7 +1,7 @@
 """``task=export``: simulated frames as PNG, with their truth as CSV and COCO JSON."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -38,59 +38,46 @@ def run_export(settings: Settings, config: ExportConfig, folder: Path) -> None:
         VoccError: frames that are not of 8 bits, files of other settings, or whatever a stage refuses.
     """
     plan, console = build.build_plan(settings), terminal.Console()
-    simulator = plan.world.simulator()
-    if not any(
-        isinstance(effect, Quantization) and effect.bits == 8
-        for effect in simulator.effects
-    ):
+    effects = plan.world.simulator().effects
+    if not any(isinstance(part, Quantization) and part.bits == 8 for part in effects):
         raise VoccError(
             "scene.effects.quantization must be {bits: 8}: task=export writes greys of 8 bits"
         )
     kind: sweep.Kind = "test" if config.points == "test" else "train"
-    scenes = sweep.scenes_of(plan, kind).items()
     shards = [
         Shard(folder, plan, point, model, config, first)
-        for point, model in scenes
+        for point, model in sweep.scenes_of(plan, kind).items()
         for first in range(0, config.frames, config.shard_frames)
     ]
+    frames = sum(shard.frames for shard in shards)
     with run_folder.resumable(settings, folder, console, IDENTITY, FRAMES):
         demand_identity(folder / IDENTITY, identity_of(plan, config))
         for left in (folder / FRAMES).glob("**/.*.tmp"):
             remove(left)
         run_folder.write_config(settings, folder)
         samples.write_samples(folder, plan, [kind])
-        complete = render(shards, executors.Workers.of(settings), console)
+        complete, pool = 0, executors.Workers.of(settings)
+        with pool, terminal.ProgressView(frames, console, "rendering") as view:
+            written = pool.map(Shard.write, shards)
+            for shard, is_new in zip(shards, written, strict=True):
+                complete += not is_new
+                view.advance("rendering", shard.frames)
         if complete:
-            console.print(
-                f"resuming: {complete} of {len(shards)} folders are complete",
-                highlight=False,
-            )
-        tables = [folder / shard.place / truth.NAME for shard in shards]
-        truth.write_truth(folder / truth.NAME, tables)
-        truth.write_coco(
-            folder / "coco.json", folder / truth.NAME, simulator.panel.shape
+            text = f"resuming: {complete} of {len(shards)} folders are complete"
+            run_folder.say(console, text)
+        table, coco = folder / truth.NAME, folder / "coco.json"
+        truth.write_truth(
+            table, [folder / shard.place / truth.NAME for shard in shards]
         )
-    console.print(f"{config.frames * len(scenes)} frames", highlight=False)
+        truth.write_coco(coco, table, plan.world.panel.shape)
+    run_folder.say(console, f"{frames} frames")
     places = {
         "frames": FRAMES,
         "truth": truth.NAME,
-        "COCO": "coco.json",
+        "COCO": coco.name,
         "samples": run_folder.SAMPLES,
     }
     run_folder.print_places(console, folder, places.items())
-
-
-def render(
-    shards: Sequence["Shard"], pool: executors.Workers, console: terminal.Console
-) -> int:
-    """Write the shards that are not complete, shared out over workers; give how many were complete."""
-    complete, frames = 0, sum(shard.frames for shard in shards)
-    with pool, terminal.ProgressView(frames, console, "rendering") as view:
-        written = pool.map(Shard.write, shards)
-        for shard, is_new in zip(shards, written, strict=True):
-            complete += not is_new
-            view.advance("rendering", shard.frames)
-    return complete
 
 
 def demand_identity(path: Path, settings: dict[str, Any]) -> None:
@@ -120,9 +107,7 @@ def identity_of(plan: Plan, config: ExportConfig) -> dict[str, Any]:
     scenes = {"training": study["experiment"]["training"]}
     if config.points == "test":
         axes = {
-            "values": experiment.values,
-            "row_axis": experiment.row_axis,
-            "rows": experiment.rows,
+            name: getattr(experiment, name) for name in ("values", "row_axis", "rows")
         }
         scenes = {**study["experiment"], "training": None, **axes}
     shared = {name: study[name] for name in ("seed", "world", "made_with")}
@@ -165,9 +150,8 @@ class Shard:
         if manifest.agrees(target):
             return False
         with atomic_folder(target) as folder:
-            run_folder.write_rows(
-                folder / truth.NAME, [truth.COLUMNS, *self.render(folder)]
-            )
+            rows = [truth.COLUMNS, *self.render(folder)]
+            run_folder.write_rows(folder / truth.NAME, rows)
             manifest.write(folder)
         return True
 
@@ -176,16 +160,15 @@ class Shard:
         plan, number = self.plan, self.first
         keys = block_keys(plan.seed, self.point, number + self.frames, number)
         simulator = plan.world.simulator()
-        batches, crop = (
-            range(0, self.frames, plan.batch_frames),
-            plan.world.framing == "crop",
-        )
+        batches = range(0, self.frames, plan.batch_frames)
+        crop = plan.world.framing == "crop"
         for scene, bits, names, (takes,) in rendered(
             simulator, self.model, keys, batches, False, crop
         ):
             panels = simulator.true_panels(scene, names, rendered=True)
-            further = simulator.further_bits(scene, names).items()
-            sent = {"bits": bits} | {f"bits_{name}": values for name, values in further}
+            sent = {"bits": bits}
+            for name, values in simulator.further_bits(scene, names).items():
+                sent[f"bits_{name}"] = values
             rows = truth.rows_of(scene, sent, names, takes, panels)
             for pixels, row in zip(takes.pixels, rows, strict=True):
                 name = f"{number:07d}.png"

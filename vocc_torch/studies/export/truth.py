@@ -60,24 +60,21 @@ def rows_of(
     corners = (panels.corners_px - seen.origin_px[:, None]).flatten(1).tolist()
     surround = [None] * len(scene) if seen.surround is None else seen.surround.tolist()
     values = torch.stack([getattr(scene, name) for name in SCENE_FIELDS], 1).tolist()
-    origins, flat = (
-        seen.origin_px.tolist(),
-        {name: sent.flatten(1) for name, sent in bits.items()},
-    )
-    for i, (block, frame) in enumerate((name.block, name.frame) for name in names):
-        first, *further = (
-            "".join("01"[bit] for bit in flat[name][i].tolist()) if name in flat else ""
-            for name in ("bits", *FURTHER)
-        )
-        head = block.seed, block.point, block.block, frame, width, height
+    origins = seen.origin_px.tolist()
+    for i, key in enumerate(names):
+        texts = {
+            name: "".join("01"[bit] for bit in sent[i].flatten().tolist())
+            for name, sent in bits.items()
+        }
+        block, size = key.block, (width, height)
         yield (
-            *head,
+            *(block.seed, block.point, block.block, key.frame, *size),
             *origins[i],
             surround[i],
             *corners[i],
-            first,
+            texts["bits"],
             *values[i],
-            *further,
+            *(texts.get(name, "") for name in FURTHER),
         )
 
 
@@ -85,12 +82,10 @@ def read_truth(path: Path) -> Iterator[dict[str, Any]]:
     """Read the rows of a table, as numbers but for :data:`WORDS`."""
     with path.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
-            numbers = {
-                name: json.loads(row[name] or "null")
-                for name in COLUMNS
-                if name not in WORDS
+            yield {
+                name: text if name in WORDS else json.loads(text or "null")
+                for name, text in row.items()
             }
-            yield row | numbers
 
 
 def write_truth(path: Path, files: Sequence[Path]) -> None:
@@ -98,8 +93,8 @@ def write_truth(path: Path, files: Sequence[Path]) -> None:
 
     def lines() -> Iterator[Sequence[str]]:
         yield COLUMNS
-        for file_row in files:
-            with file_row.open(newline="", encoding="utf-8") as file:
+        for table in files:
+            with table.open(newline="", encoding="utf-8") as file:
                 yield from list(csv.reader(file))[1:]
 
     write_rows(path, lines())
@@ -120,8 +115,9 @@ def write_coco(path: Path, table: Path, shape: PanelShape) -> None:
         "name": "led_panel",
         "rows": shape.rows,
         "columns": shape.columns,
+        "keypoints": KEYPOINTS,
+        "skeleton": [[1, 2], [2, 3], [3, 4], [4, 1]],
     }
-    category |= {"keypoints": KEYPOINTS, "skeleton": [[1, 2], [2, 3], [3, 4], [4, 1]]}
     head = {
         "info": {"description": "simulated by vocc_torch"},
         "categories": [category],
@@ -130,11 +126,11 @@ def write_coco(path: Path, table: Path, shape: PanelShape) -> None:
         file.write(json.dumps(head).removesuffix("}"))
         for name, build in (("images", image_of), ("annotations", annotation_of)):
             file.write(f',\n"{name}": [')
-            every = (
-                build(number, row) for number, row in enumerate(read_truth(table), 1)
-            )
-            for index, item in enumerate(item for item in every if item is not None):
-                file.write(f"{',' * (index > 0)}\n{json.dumps(item)}")
+            comma = ""
+            for number, row in enumerate(read_truth(table), 1):
+                if item := build(number, row):
+                    file.write(f"{comma}\n{json.dumps(item)}")
+                    comma = ","
             file.write("]")
         file.write("}\n")
 
@@ -155,18 +151,15 @@ def annotation_of(number: int, row: dict[str, Any]) -> dict[str, Any] | None:
     """Describe a picture's panel; None where it lies outside."""
     corners = np.array([row[name] for name in CORNERS]).reshape(4, 2)
     inside = corners.clip(0, (row["width_px"], row["height_px"]))
-    (left, top), (right, bottom) = (
-        inside.min(axis=0).tolist(),
-        inside.max(axis=0).tolist(),
-    )
-    if left == right or top == bottom:
+    corner, size = inside.min(axis=0), np.ptp(inside, axis=0)
+    if not size.all():
         return None
     x, y = inside.T
     visible = (inside == corners).all(axis=1)
     keypoints = np.column_stack([corners, np.full(4, 2.0)]) * visible[:, None]
     return {
         **{"id": number, "image_id": number, "category_id": 1, "iscrowd": 0},
-        "bbox": [left, top, right - left, bottom - top],
+        "bbox": [*corner.tolist(), *size.tolist()],
         "area": float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2),
         "segmentation": [inside.flatten().tolist()],
         "keypoints": keypoints.flatten().tolist(),

@@ -4,20 +4,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import files
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import yaml
 
 from vocc_torch.errors import VoccError, demand_word, section
 from vocc_torch.measure import config as configs
-from vocc_torch.measure import curve, grid
+from vocc_torch.measure import curve, sweep
 from vocc_torch.measure.plan import Experiment, Locator, Plan
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.evidence import PaperFigure, features, panels, times
 from vocc_torch.studies.paper.evidence.sample import Source
 from vocc_torch.studies.paper.readings import PaperReading, load_readings
-from vocc_torch.studies.paper.rules import Evidence
-from vocc_torch.studies.run import Case, cases_of
+from vocc_torch.studies.run import Case, Run, cases_of
 
 PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 """The receivers of the paper's figures."""
@@ -48,27 +47,47 @@ EVIDENCE: Mapping[str, Callable[[Source, str], PaperFigure]] = {
 """The figures other than bit error rates by name."""
 
 
-Measured: TypeAlias = Mapping[tuple[str, Locator], curve.Curves]
-"""What was counted, by the study's name and the locator."""
-
-
 class RateStudy(NamedTuple):
     """A curve of bit error rates that is to be measured.
 
     Args:
+        experiment: its name.
         name: of the experiment and the reading.
         plan: what is measured.
-        locators: names of the locators, all run on the same frames.
+        locators: names of the locators by reading, all run on the same frames.
     """
 
+    experiment: str
     name: str
     plan: Plan
-    locators: tuple[Locator, ...]
+    locators: Mapping[str, Locator]
 
     @property
     def cases(self) -> list[Case]:
         """Its points, counted by receivers that trained with each of the locators."""
-        return cases_of(self.plan, list(map(self.plan.locating_with, self.locators)))
+        locators = dict.fromkeys(self.locators.values())
+        return cases_of(self.plan, list(map(self.plan.locating_with, locators)))
+
+    def curves(self, run: Run) -> dict[str, curve.Curves]:
+        """Count the points, and give the curves by reading.
+
+        Raises:
+            VoccError: no frame fell into any contrast bin.
+        """
+        values, counted = (
+            self.plan.experiment.simulated_values,
+            run.count(self.cases, self.name),
+        )
+        outcomes = dict(zip(values, counted, strict=True))
+        curves = {
+            reading: sweep.curves_at(self.plan, locator, outcomes)
+            for reading, locator in self.locators.items()
+        }
+        if not all(map(len, curves.values())):
+            key = f"figures.experiments.{self.experiment}.values"
+            edges = list(self.plan.experiment.values)
+            raise VoccError.of(key, edges, "bins that hold frames of these scenes")
+        return curves
 
 
 @dataclass(frozen=True)
@@ -78,51 +97,20 @@ class FigurePlan:
     Args:
         names: the figures, in the paper's order.
         readings: the first is reported in full.
-        studies: of bit error rates, by reading and experiment; readings that differ in the locator alone
-            share a study, and so its frames.
+        studies: of bit error rates, those of the first reading first; readings that differ in the locator
+            alone share a study, and so its frames.
         rows: of the grid, by ambient light; empty where it is not wanted.
     """
 
     names: tuple[str, ...]
     readings: tuple[PaperReading, ...]
-    studies: Mapping[tuple[str, str], RateStudy]
+    studies: Sequence[RateStudy]
     rows: Mapping[float, RateStudy]
 
     @property
-    def experiments(self) -> tuple[str, ...]:
-        """The experiments of bit error rates, in order."""
-        return tuple(dict.fromkeys(experiment for _, experiment in self.studies))
-
-    @property
     def every_study(self) -> list[RateStudy]:
-        """The studies, each once, those of the first reading first."""
-        every = (*self.studies.values(), *self.rows.values())
-        return list({study.name: study for study in every}.values())
-
-    def evidence(self, measured: Measured) -> dict[str, Evidence]:
-        """What was measured, by reading.
-
-        Raises:
-            VoccError: no frame fell into any contrast bin.
-        """
-        locators = {reading.name: reading.locator for reading in self.readings}
-        found = {name: Evidence({}, {}) for name in locators}
-        for (name, experiment), study in self.studies.items():
-            curves = measured[study.name, locators[name]]
-            if not curves.values:
-                key = f"figures.experiments.{experiment}.values"
-                edges = list(study.plan.experiment.values)
-                raise VoccError.of(key, edges, "bins that hold frames of these scenes")
-            found[name].experiments[experiment] = curves
-        return found
-
-    def grid(self, measured: Measured) -> grid.Grid | None:
-        """The grid of ambient light and LED luminance; None where it was not measured."""
-        if not self.rows:
-            return None
-        rows = self.rows.values()
-        curves = [measured[study.name, study.locators[0]] for study in rows]
-        return grid.Grid("ambient_lx", tuple(self.rows), curves)
+        """The curves, and then the rows of the grid."""
+        return [*self.studies, *self.rows.values()]
 
 
 def plan_figures(settings: configs.Settings, config: FiguresConfig) -> FigurePlan:
@@ -144,16 +132,19 @@ def plan_figures(settings: configs.Settings, config: FiguresConfig) -> FigurePla
         raise VoccError.of(
             "receiver.names", list(first.receiver.names), f"at least one of {known}"
         )
-    rated = {
-        name: experiment
-        for name, experiment in config.experiments.items()
-        if RATE_FIGURES.get(name) in names
-    }
-    rows = {}
+    studies, rows = list[RateStudy](), dict[float, RateStudy]()
+    for group in alike(readings):
+        locators = {reading.name: reading.locator for reading in group}
+        for name, experiment in config.experiments.items():
+            if RATE_FIGURES.get(name) in names:
+                plan = rows_of(group[0].plan, name, experiment)[0.0]
+                study = f"{name}-{group[0].name}"
+                studies.append(RateStudy(name, study, plan, locators))
     if DIMMING in names and DIMMING in config.experiments:
+        locators = {readings[0].name: readings[0].locator}
         for at, plan in rows_of(first, DIMMING, config.experiments[DIMMING]).items():
-            rows[at] = RateStudy(f"{DIMMING}-{at:g}", plan, (first.receiver.locator,))
-    return FigurePlan(names, readings, studies(readings, rated), rows)
+            rows[at] = RateStudy(DIMMING, f"{DIMMING}-{at:g}", plan, locators)
+    return FigurePlan(names, readings, studies, rows)
 
 
 def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
@@ -171,29 +162,17 @@ def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in FIGURES if not names or name in names)
 
 
-def studies(
-    readings: Sequence[PaperReading], experiments: Mapping[str, Experiment]
-) -> dict[tuple[str, str], RateStudy]:
-    """Plan the measurement of every reading, by reading and experiment.
-
-    Args:
-        readings: with their plans.
-        experiments: by name.
-    """
-    planned = {}
+def alike(readings: Sequence[PaperReading]) -> list[list[PaperReading]]:
+    """Group the readings that differ in the locator alone, in order."""
+    groups: list[list[PaperReading]] = []
     for reading in readings:
-        alike = [
-            other
-            for other in readings
-            if other.plan.locating_with(reading.locator) == reading.plan
-        ]
-        locators = tuple(dict.fromkeys(other.locator for other in alike))
-        for name, experiment in experiments.items():
-            plan = rows_of(alike[0].plan, name, experiment)[0.0]
-            planned[reading.name, name] = RateStudy(
-                f"{name}-{alike[0].name}", plan, locators
-            )
-    return planned
+        for group in groups:
+            if group[0].plan.locating_with(reading.locator) == reading.plan:
+                group.append(reading)
+                break
+        else:
+            groups.append([reading])
+    return groups
 
 
 def rows_of(plan: Plan, name: str, experiment: Experiment) -> dict[float, Plan]:

@@ -1,5 +1,6 @@
 """The report of ``task=figures``: pictures, tables, board and page."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,6 @@ from vocc_torch.report import folder as run_folder
 from vocc_torch.report import heatmap, page, plots, rate_tables, tensorboard
 from vocc_torch.studies.paper import scorecard
 from vocc_torch.studies.paper.evidence import PaperFigure
-from vocc_torch.studies.paper.numbers import dimming_numbers
 from vocc_torch.studies.paper.plan import (
     DIMMING,
     FIGURES,
@@ -139,6 +139,24 @@ class Report:
         html = page.html(text, title, self.folder)
         for name, content in (("report.md", text), ("report.html", html)):
             write_atomically(self.folder / name, content.encode("utf-8", "replace"))
+
+
+def dimming_numbers(cells: grid.Grid) -> dict[str, Estimate]:
+    """How far the best LED luminances of the levels of ambient light are apart, in octaves, by receiver."""
+    numbers = {}
+    for receiver in cells.receivers:
+        bests = grid.best_luminance(cells, receiver)
+        lowest = [best.candidates_cd_m2[0] for best in bests]
+        highest = [best.candidates_cd_m2[-1] for best in bests]
+        middles = [best.middle_cd_m2 for best in bests]
+        ratios = (
+            max(middles) / min(middles),
+            max(1.0, max(lowest) / min(highest)),
+            max(highest) / min(lowest),
+        )
+        octaves = Estimate(*map(math.log2, ratios))
+        numbers[f"{DIMMING}.octaves_{receiver}"] = octaves
+    return numbers
 
 
 def paper_rows(table: curve.BerTable) -> curve.BerTable:

@@ -1,11 +1,11 @@
 """``task=figures``: the paper's figures and claims, measured, drawn, scored and written as one report."""
 
+from itertools import chain
 from pathlib import Path
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import config as configs
-from vocc_torch.measure import curve, sweep
-from vocc_torch.measure.plan import Locator
+from vocc_torch.measure import grid
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
 from vocc_torch.studies.paper import FiguresConfig
@@ -14,11 +14,10 @@ from vocc_torch.studies.paper.plan import (
     EVIDENCE,
     FIGURES,
     RATE_FIGURES,
-    FigurePlan,
-    Measured,
     plan_figures,
 )
 from vocc_torch.studies.paper.report import Report
+from vocc_torch.studies.paper.rules import Evidence
 from vocc_torch.studies.run import Run, begin, write_training
 
 
@@ -44,15 +43,13 @@ def run_figures(
                 )
     plan = plan_figures(settings, config)
     watch, stages = terminal.Stopwatch(terminal.Console()), 1 + len(plan.every_study)
+    evidence = {reading.name: Evidence({}, {}) for reading in plan.readings}
+    report = Report(folder, plan, evidence)
     # The ledger is open to the end: a second run would write over the same report.
     with begin(settings, folder, plan.readings[0].plan, stages) as run:
         with watch.stage("bit error rates"):
-            measured = measure(settings, plan, run, folder) if plan.every_study else {}
-            report = Report(folder, plan, plan.evidence(measured))
-            for experiment in plan.experiments:
-                report.add_rates(experiment, RATE_FIGURES[experiment])
-            if (cells := plan.grid(measured)) is not None:
-                report.add_dimming(cells)
+            if plan.every_study:
+                measure(settings, report, run)
         # After the workers have ended: one of these figures is a measurement of time.
         with watch.stage("other figures"):
             source = Source(plan.readings[0].plan)
@@ -65,25 +62,23 @@ def run_figures(
     run_folder.print_places(run.console, folder, places, settings.tensorboard)
 
 
-def measure(
-    settings: configs.Settings, plan: FigurePlan, run: Run, folder: Path
-) -> Measured:
-    """Train and count for every study, and save the first reading's receiver.
+def measure(settings: configs.Settings, report: Report, run: Run) -> None:
+    """Train and count for every study, draw the curves, and save the first reading's receiver.
 
     Raises:
-        VoccError: whatever a stage refuses.
+        VoccError: no frame in any contrast bin, or whatever a stage refuses.
     """
+    plan, evidence = report.plan, report.evidence
     every = [case for study in plan.every_study for case in study.cases]
-    measured = dict[tuple[str, Locator], curve.Curves]()
     with run.pool:
         run.train([source for case in every for source in case.trained_on])
-        for study in plan.every_study:
-            counted = run.count(study.cases, study.name)
-            values = study.plan.experiment.simulated_values
-            outcomes = dict(zip(values, counted, strict=True))
-            for locator in study.locators:
-                curves = sweep.curves_at(study.plan, locator, outcomes)
-                measured[study.name, locator] = curves
+        for study in plan.studies:
+            for reading, curves in study.curves(run).items():
+                evidence[reading].experiments[study.experiment] = curves
+        rows = [*chain(*(row.curves(run).values() for row in plan.rows.values()))]
     first = every[0].plan
-    write_training(settings, first, run.training(first), folder)
-    return measured
+    write_training(settings, first, run.training(first), report.folder)
+    for name in evidence[plan.readings[0].name].experiments:
+        report.add_rates(name, RATE_FIGURES[name])
+    if rows:
+        report.add_dimming(grid.Grid("ambient_lx", tuple(plan.rows), rows))

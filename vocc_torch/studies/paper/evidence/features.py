@@ -1,7 +1,6 @@
 """Figs 8, 10 and 12: how well grey values and features separate On from Off LEDs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -22,42 +21,26 @@ LABELS = {
 """Axes of what tells On from Off."""
 
 
-@dataclass(frozen=True)
-class Separation:
-    """How well a number separates On from Off LEDs.
+def separation(values: Floats, bits: Bools) -> tuple[float, float]:
+    """Say how well values of any shape separate On from Off; bits have the same shape, with both kinds.
 
-    Args:
-        auc: area under the ROC curve, the chance that an On LED reads higher than an Off LED.
-        wrong_share: least share of wrong decisions of any fixed threshold.
+    Returns:
+        The area under the ROC curve, which is the Mann-Whitney statistic over the number of pairs (Hanley and
+        McNeil 1982): the chance that an On LED reads higher than an Off LED. And the least share of wrong
+        decisions of any fixed threshold.
+
+    Example:
+        >>> values, bits = np.array([1.0, 2.0, 2.0, 3.0]), np.array([False, False, True, True])
+        >>> separation(values, bits)
+        (0.875, 0.25)
     """
-
-    auc: float
-    wrong_share: float
-
-    @classmethod
-    def of(cls, values: Floats, bits: Bools) -> "Separation":
-        """Separate values of any shape by bits of the same shape, with both On and Off.
-
-        The area is the Mann-Whitney statistic over the number of pairs (Hanley and McNeil 1982).
-
-        Example:
-            >>> values, bits = np.array([1.0, 2.0, 2.0, 3.0]), np.array([False, False, True, True])
-            >>> Separation.of(values, bits)
-            Separation(auc=0.875, wrong_share=0.25)
-        """
-        off, on = np.sort(values[~bits]), np.sort(values[bits])
-        # A threshold takes its level and all higher ones for On. The best is that of an On LED, or above all.
-        limits = np.append(on, np.inf)
-        below = np.searchsorted(off, limits)
-        wrong = np.searchsorted(on, limits) + off.size - below
-        pairs = (below[:-1] + np.searchsorted(off, on, "right")).sum() / 2
-        area = float(pairs / (on.size * off.size))
-        return cls(area, int(wrong.min()) / bits.size)
-
-    @property
-    def text(self) -> str:
-        """The separation for a heading."""
-        return f"AUC {self.auc:.4f}, wrong {self.wrong_share:.2%}"
+    off, on = np.sort(values[~bits]), np.sort(values[bits])
+    # A threshold takes its level and all higher ones for On. The best is that of an On LED, or above all.
+    limits = np.append(on, np.inf)
+    below = np.searchsorted(off, limits)
+    wrong = np.searchsorted(on, limits) + off.size - below
+    pairs = (below[:-1] + np.searchsorted(off, on, "right")).sum() / 2
+    return float(pairs / (on.size * off.size)), int(wrong.min()) / bits.size
 
 
 def separable(values: Floats, bits: Bools) -> bool:
@@ -108,10 +91,11 @@ def spread(source: Source, title: str, names: Sequence[str]) -> PaperFigure:
             led_plots.status_cloud(axes[at], whole, bits, labels, line)
         else:
             led_plots.status_histogram(axes[at], values, bits, label)
-        found = Separation.of(values, bits)
-        numbers[f"auc_{name}"] = found.auc
-        numbers[f"wrong_share_{name}"] = found.wrong_share
-        axes[at].set_title(f"{name}\n{found.text}", loc="left", fontsize=10)
+        area, wrong = separation(values, bits)
+        numbers[f"auc_{name}"] = area
+        numbers[f"wrong_share_{name}"] = wrong
+        heading = f"{name}\nAUC {area:.4f}, wrong {wrong:.2%}"
+        axes[at].set_title(heading, loc="left", fontsize=10)
     axes[0].legend(frameon=False)
     if "gri" in names:
         negative = sample.values["gri"] < 0

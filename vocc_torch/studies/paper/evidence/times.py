@@ -38,9 +38,10 @@ class TimingBudget:
     most_waited: float = 0.05
 
 
-def processing_time(
-    source: Source, title: str, budget: TimingBudget = TimingBudget()
-) -> PaperFigure:
+SETTINGS = TimingBudget()
+
+
+def processing_time(source: Source, title: str) -> PaperFigure:
     """Fig. 25: the time of each bit detector over that of panel detection, one frame at a time.
 
     Numbers are medians over the rounds with their quartiles. Rendering and preambles are not counted.
@@ -55,20 +56,21 @@ def processing_time(
     keys = [BlockKey(plan.seed, "figures/timing", 0)]
     exposure = stage_times.Exposure.of(world, world.scene, keys, preambles=True)
     with timing.watched(device) as waiting:
-        timed = stage_times.time_stages(receivers, exposure, 1, budget.rounds, device)
-    numbers = time_numbers(timed, waiting.share, budget)
+        timed = stage_times.time_stages(receivers, exposure, 1, SETTINGS.rounds, device)
+    numbers = time_numbers(timed, waiting.share)
     shares = [numbers[f"share_{name}"] for name in PAPER_SHARES]
-    style = Style("", plots.LOOK.off, "o", "-")
-    stars = dict(enumerate(PAPER_SHARES.values()))
-    label = "Time over that of panel detection"
-    rows = plots.Rows([(style, shares)], label, stars=stars)
+    rows = plots.Rows(
+        [(Style("", plots.LOOK.off, "o", "-"), shares)],
+        "Time over that of panel detection",
+        stars=dict(enumerate(PAPER_SHARES.values())),
+    )
     note = timing.describe_machine(device)
     picture = plots.rows_figure([*PAPER_SHARES], [rows], title, note)
     return PaperFigure(numbers, picture)
 
 
 def time_numbers(
-    times: Mapping[str, stage_times.StageTimes], waited: float, budget: TimingBudget
+    times: Mapping[str, stage_times.StageTimes], waited: float
 ) -> dict[str, Estimate]:
     """Times as shares of panel detection's, and what NGR adds, each with its quartiles.
 
@@ -76,7 +78,6 @@ def time_numbers(
         times: round by round, by receiver.
         waited: share of the time for which other work had the processor; where it is above what the budget
             allows, every interval is open.
-        budget: has that limit.
     """
     panel = times["flda_3"].summed(["locate"])
     spent = {
@@ -87,6 +88,6 @@ def time_numbers(
     rounds["cost_of_ngr"] = three / two - 1
     rounds["cost_of_ngr_in_total"] = (three - two) / (panel + two)
     found = {name: timing.median_of(value) for name, value in rounds.items()}
-    if waited <= budget.most_waited:
+    if waited <= SETTINGS.most_waited:
         return found
     return {name: Estimate(at.value, -np.inf, np.inf) for name, at in found.items()}
