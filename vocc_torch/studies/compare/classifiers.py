@@ -1,6 +1,6 @@
 """``task=classifiers``: many receivers on the same frames, with what they cost, and across scenes."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -9,7 +9,7 @@ from vocc_torch.errors import VoccError, demand_least, demand_word, section
 from vocc_torch.measure import sweep
 from vocc_torch.measure.build import build_world
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.curve import BerTable, Curves
+from vocc_torch.measure.curve import COLUMNS, Curves
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.paired import mover_ratio, rate_ratio
@@ -73,10 +73,8 @@ class ClassifierStudy:
                     f"comparison.points.{name} is no experiment: known are {', '.join(self.plans)}"
                 )
             if value not in (values := self.plans[name].experiment.values):
-                allowed = ", ".join(f"{known:g}" for known in values)
-                raise VoccError.of(
-                    f"comparison.points.{name}", f"{value:g}", f"one of {allowed}"
-                )
+                rule = f"one of {', '.join(f'{known:g}' for known in values)}"
+                raise VoccError.of(f"comparison.points.{name}", f"{value:g}", rule)
         demand_least(
             "comparison.", self.config, scene_frames=0, scene_training_frames=2
         )
@@ -96,23 +94,24 @@ class ClassifierStudy:
 
     def _elsewhere(self, name: str, plan: Plan) -> Plan:
         """Give the plan of a kind of scenes, whose classifiers learn from few frames."""
-        most, learners = self.config.scene_training_frames, []
-        for learner in plan.receiver.classifiers:
-            recipe = learner.training
-            shortened = replace(
+        most = self.config.scene_training_frames
+        learners = tuple(
+            replace(
                 learner,
-                training=replace(recipe, frames=min(most, recipe.frames)),
+                training=replace(
+                    learner.training, frames=min(most, learner.training.frames)
+                ),
                 frames=learner.frames and min(most, learner.frames),
                 # A classifier's own mix of scenes is of those at home.
                 scene=learner.scene if name == self.home else {},
             )
-            learners.append(shortened)
+            for learner in plan.receiver.classifiers
+        )
+        training_frames = min(most, plan.budget.training_frames)
         return replace(
             plan,
-            receiver=replace(plan.receiver, classifiers=tuple(learners)),
-            budget=Budget(
-                self.config.scene_frames, min(most, plan.budget.training_frames)
-            ),
+            receiver=replace(plan.receiver, classifiers=learners),
+            budget=Budget(self.config.scene_frames, training_frames),
             experiment=replace(plan.experiment, name=f"scenes/{name}"),
         )
 
@@ -171,14 +170,17 @@ def run_classifiers(
         lost, scenes = across_scenes(study, run)
     training = run.training(first)
     write_training(settings, first, training, folder)
-    write_points(folder, curves.values())
+    lines = [
+        row for table in curves.values() for row in rate_tables.ber_rows(table)[1:]
+    ]
+    run_folder.write_rows(folder / "ber.csv", [COLUMNS, *lines])
+    rate_tables.write_paired(folder / "paired.csv", curves.values())
     rows = classifier_rows(comparison, curves, training)
     print_classifiers(comparison, curves, rows, {**study.left_out, **lost})
     drawn = {}
     for name, table in curves.items():
-        place = (
-            f"{name}_{comparison.points[name]:g}" if name in comparison.points else ""
-        )
+        points = comparison.points
+        place = f"{name}_{points[name]:g}" if name in points else ""
         drawn[name] = figures.curves_figure(table, rows, comparison.reference, place)
     if scenes:
         receivers = [str(row["receiver"]) for row in rows]
@@ -233,9 +235,9 @@ def across_scenes(
     sources = {name: list(plans) if name == home else [home, name] for name in plans}
     cases = []
     for name, trained_on in sources.items():
-        receiver = replace(plans[name].receiver, names=tuple(learners))
-        tested = replace(plans[name], receiver=receiver)
-        cases.append(Case(tested, [plans[other] for other in trained_on]))
+        tested, trained = plans[name], [plans[other] for other in trained_on]
+        receiver = replace(tested.receiver, names=tuple(learners))
+        cases.append(Case(replace(tested, receiver=receiver), trained))
     outcomes = run.count(cases, "other scenes")
     rows: list[TableRow] = []
     for (name, trained_on), outcome in zip(sources.items(), outcomes, strict=True):
@@ -268,14 +270,6 @@ def scene_rows(
         }
 
 
-def write_points(folder: Path, curves: Collection[Curves]) -> None:
-    """Write ``ber.csv`` and ``paired.csv`` of all experiments."""
-    head, *_ = rate_tables.ber_rows(BerTable())
-    rows = [row for table in curves for row in rate_tables.ber_rows(table)[1:]]
-    run_folder.write_rows(folder / "ber.csv", [head, *rows], short=True)
-    rate_tables.write_paired(folder / "paired.csv", curves)
-
-
 def classifier_rows(
     config: ComparisonConfig,
     curves: Mapping[str, Curves],
@@ -286,7 +280,7 @@ def classifier_rows(
     The best receiver has the fewest wrong bits over all points and trainings. Rates and ratios are those at
     the points of ``config``. After several trainings they are those of the algorithm.
     """
-    first, reference = next(iter(curves.values())), config.reference
+    first, *_ = curves.values()
 
     def half_errors(receiver: str) -> int:
         points = [(found, value) for found in curves.values() for value in found.values]
@@ -298,10 +292,10 @@ def classifier_rows(
         row: TableRow = {"receiver": receiver, **dict(costs)}
         for experiment, value in config.points.items():
             found, place = curves[experiment], f"{experiment}_{value:g}"
-            points = [point for point in found if point.value == value]
-            rates = {point.receiver: point.rate for point in points}
+            rates = {row.receiver: row.rate for row in found if row.value == value}
             row[f"{place}_ber"] = rates[receiver]
-            row[f"{place}_ratio"] = ratio_to(reference, receiver, found, rates, value)
+            ratio = ratio_to(config.reference, receiver, found, rates, value)
+            row[f"{place}_ratio"] = ratio
         rows.append(row)
     return rows
 
@@ -336,12 +330,9 @@ def print_classifiers(
     columns = {"receiver": "receiver"}
     for name, value in config.points.items():
         unit = styles.axis_label(tables[name].axis).partition("(")[2].rstrip(")")
-        point, place = (
-            f"{styles.value_text(value)} {unit}".rstrip(),
-            f"{name}_{value:g}",
-        )
-        columns[f"{place}_ber"] = f"BER at\n{point}"
-        columns[f"{place}_ratio"] = f"of\n{config.reference}"
+        point = f"{styles.value_text(value)} {unit}".rstrip()
+        columns[f"{name}_{value:g}_ber"] = f"BER at\n{point}"
+        columns[f"{name}_{value:g}_ratio"] = f"of\n{config.reference}"
     notes = ["Fewest wrong bits over all points first; 95 % intervals over frames."]
     notes += left_out_lines(left_out)
     # One decimal, so that the table fits 80 columns.

@@ -28,6 +28,11 @@ ORDER = tuple(kind.name for kind in chain.PHYSICAL_ORDER)
 TOGETHER = "all together"
 
 
+def ordered(effects: Effects) -> tuple[str, ...]:
+    """Name effects in physical order."""
+    return tuple(name for name in chain.kinds_of(effects) if name in effects)
+
+
 def fills(effects: Effects) -> bool:
     """Whether a locator needs frames with these effects rendered whole."""
     return any(effect.fills_sensor for effect in chain.build_effects(effects))
@@ -52,11 +57,7 @@ class ScenePair:
     @property
     def differing(self) -> tuple[str, ...]:
         """Names of the effects in which the two differ."""
-        return tuple(
-            name
-            for name in chain.kinds_of(self.present)
-            if name in self.present and name not in self.absent
-        )
+        return tuple(name for name in ordered(self.present) if name not in self.absent)
 
     @property
     def label(self) -> str:
@@ -130,8 +131,10 @@ class EffectStudy:
     def _check_severity(self, key: str, name: str, severity: Severity) -> None:
         """Refuse a severity without parameter or values, and one whose scenes cannot be rendered."""
         values, scene = list(severity.values), self.pair(name).present
-        effect, dot, _ = severity.parameter.partition(".")
-        if not dot or effect not in scene:
+        if (
+            severity.parameter.partition(".")[0] not in scene
+            or "." not in severity.parameter
+        ):
             rule = f"effect.parameter of one of {', '.join(scene)}"
             raise VoccError.of(f"{key}.parameter", repr(severity.parameter), rule)
         rule = "finite numbers from harmless to harsh, all rising or all falling"
@@ -160,8 +163,7 @@ class EffectStudy:
     def known(self) -> tuple[str, ...]:
         """Names of the effects of the scene and of the parts, in physical order."""
         parts = {name: part[name] for name, part in self.config.parts.items()}
-        effects = {**parts, **self.scene}
-        return tuple(name for name in chain.kinds_of(effects) if name in effects)
+        return ordered({**parts, **self.scene})
 
     @cached_property
     def pairs(self) -> tuple[ScenePair, ...]:
@@ -176,8 +178,7 @@ class EffectStudy:
         where it cannot stand without the other either, the two differ in both.
         """
         scene = self._with_part(name)
-        taken = needing(scene, name)
-        absent = {key: value for key, value in scene.items() if key not in taken}
+        absent = without(scene, name)
         alone = {**absent, name: scene[name]}
         present = alone if _buildable(alone) else scene
         return ScenePair(name, present, absent, name in self.scene)
@@ -186,8 +187,9 @@ class EffectStudy:
     def together(self) -> ScenePair | None:
         """The scene with all chosen effects at once, and without them; None where it has them all."""
         added = [pair for pair in self.pairs if not pair.in_scene]
-        scene: dict[str, chain.Parameters] = dict(self.scene)
+        scene, differing = dict(self.scene), set[str]()
         for pair in added:
+            differing |= {*pair.differing}
             for name, parameters in self._with_part(pair.name).items():
                 if scene.get(name) == self.scene.get(name):
                     scene[name] = parameters
@@ -196,7 +198,6 @@ class EffectStudy:
                     raise VoccError(
                         f"effects.parts.{pair.name}.{name} is {clash}, and all together need one"
                     )
-        differing = {name for pair in added for name in pair.differing}
         absent = {name: scene[name] for name in scene if name not in differing}
         with section("effects.parts", before="scene.effects"):
             chain.build_effects(scene)
@@ -212,11 +213,8 @@ class EffectStudy:
     def severities(self) -> dict[str, list[float]]:
         """The severities to measure, by effect in physical order."""
         known = self.config.severity if self.config.severity_frames else {}
-        return {
-            pair.name: known[pair.name].values
-            for pair in self.pairs
-            if pair.name in known
-        }
+        names = [pair.name for pair in self.pairs if pair.name in known]
+        return {name: known[name].values for name in names}
 
     def at(self, name: str, value: float) -> Effects:
         """Return the scene with one effect at a severity."""
@@ -242,15 +240,15 @@ class EffectStudy:
         """Return the scene with an effect and what it needs; its own parameters hold where they fit."""
         part = self.config.parts.get(name, {})
         scene = {**part, **self.scene}
-        fits = name in self.scene or _buildable(scene)
-        return scene if fits else {**self.scene, **part}
+        if name in self.scene or _buildable(scene):
+            return scene
+        return {**self.scene, **part}
 
     @property
     def shown(self) -> str:
         """The receiver that tables and figures show: the saved one where it runs, else the last."""
-        receiver = self.plan.receiver
-        runs = receiver.reference in receiver.names
-        return receiver.reference if runs else receiver.names[-1]
+        reference, names = self.plan.receiver.reference, self.plan.receiver.names
+        return reference if reference in names else names[-1]
 
     def plan_of(self, effects: Effects, locator: Locator, frames: int = 1) -> Plan:
         """Return the plan of one scene, read with one locator.
@@ -307,21 +305,18 @@ def _buildable(effects: Effects) -> bool:
     return True
 
 
-def needing(scene: Effects, name: str) -> set[str]:
-    """Name an effect and those of the scene that cannot stand without it."""
-    kinds = [kind for name, kind in chain.kinds_of(scene).items() if name in scene]
-    taken = {name}
-    while True:
-        left = [kind for kind in kinds if kind.name not in taken]
-        steps = [kind for kind in left if kind.gives != kind.takes]
+def without(scene: Effects, name: str) -> Effects:
+    """Take an effect out of a scene, and those that cannot stand without it."""
+    kinds, left, stuck = chain.kinds_of(scene), {*scene}, {name}
+    while stuck:
+        left -= stuck
+        steps = [kinds[at] for at in left if kinds[at].gives != kinds[at].takes]
         known = {*chain.CAMERA_STEPS, *(kind.gives for kind in steps)}
-        stuck = [kind for kind in left if kind.takes not in known]
+        stuck = {at for at in left if kinds[at].takes not in known}
         if chain.Quantity.ELECTRONS not in {kind.takes for kind in steps}:
             # Electrons that nothing reads out are no picture.
-            stuck += [kind for kind in left if kind.gives == chain.Quantity.ELECTRONS]
-        if "attenuation" in taken:
+            stuck |= {at for at in left if kinds[at].gives == chain.Quantity.ELECTRONS}
+        if "attenuation" in scene.keys() - left:
             # One air dims the LEDs and what lies behind them.
-            stuck += [kind for kind in left if kind.name == "airlight"]
-        if not stuck:
-            return taken
-        taken |= {kind.name for kind in stuck}
+            stuck |= left & {"airlight"}
+    return {at: parameters for at, parameters in scene.items() if at in left}

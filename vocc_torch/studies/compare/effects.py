@@ -80,8 +80,8 @@ def measure_costs(study: EffectStudy) -> Costs:
     key = link.block_keys(plan.seed, plan.experiment.name, 1)[0]
     scene, bits = model.draw(key, world.panel.shape)
     counts, calls = {}, {}
-    for place in itertools.product(KINDS, scenes):
-        effects, near = scenes[place[1]], place[0] == "near"
+    for kind, (built, effects) in itertools.product(KINDS, scenes.items()):
+        near, place = kind == "near", (kind, built)
         whole = not near and fills(effects)
         counts[place] = 1 if whole else min(plan.batch_frames, NEAR_FRAMES)
         rows = slice(counts[place])
@@ -245,25 +245,22 @@ def severity_rows(study: EffectStudy, errors: Errors) -> list[TableRow]:
     has it; ``in_table`` marks the value there.
     """
     rows: list[TableRow] = []
-    for effect, values in study.severities.items():
-        parameter, usual = study.config.severity[effect].parameter, study.usual(effect)
-        trainings, names = enumerate(("without", "with")), study.plan.receiver.names
-        for value, (number, trained), name in itertools.product(
-            values, trainings, names
-        ):
-            if found := errors.get((effect, "truth", value, name, number)):
-                rows.append(
-                    {
-                        "effect": effect,
-                        "parameter": parameter,
-                        "value": value,
-                        "in_table": int(value == usual),
-                        "receiver": name,
-                        "trained": trained,
-                        **counted(found.counts[0]),
-                        "frame_errors": found.counts[0].frame_errors,
-                    }
-                )
+    for (effect, _, value, name, number), found in errors.items():
+        if isinstance(value, str):
+            continue
+        (counts,) = found.counts
+        rows.append(
+            {
+                "effect": effect,
+                "parameter": study.config.severity[effect].parameter,
+                "value": value,
+                "in_table": int(value == study.usual(effect)),
+                "receiver": name,
+                "trained": ("without", "with")[number],
+                **counted(counts),
+                "frame_errors": counts.frame_errors,
+            }
+        )
     return rows
 
 
@@ -276,12 +273,12 @@ def print_effects(rows: Sequence[TableRow]) -> None:
     for reading in READINGS:
         if any(f"{reading}_frames" in row for row in rows):
             columns[reading] = f"{reading.replace('_', ' ')}\nBER x 1000"
-            for cells, row in zip(shown, rows, strict=True):
-                rate = row.get(f"{reading}_ber_with")
-                cells[reading] = None if rate is None else 1000 * rate
-                if change := row.get(f"{reading}_change"):
-                    numbers = (round(1000 * end, 2) for end in astuple(change))
-                    cells[reading] = Estimate(*numbers)
+        for cells, row in zip(shown, rows, strict=True):
+            if change := row.get(f"{reading}_change"):
+                numbers = (round(1000 * end, 2) for end in astuple(change))
+                cells[reading] = Estimate(*numbers)
+            elif (rate := row.get(f"{reading}_ber_with")) is not None:
+                cells[reading] = 1000 * rate
     note = (
         "Added time and changes of the bit error rate with 95 % intervals, on the same frames."
         " retrained: the receiver is trained with the effect."

@@ -11,7 +11,7 @@ from vocc_torch.report.led_plots import Picture, picture_figure
 from vocc_torch.report.plots import Figure
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.simulation.framing import panel_corners_px
-from vocc_torch.studies.compare.effect_scenes import Effects, EffectStudy, ScenePair
+from vocc_torch.studies.compare.effect_scenes import Effects, EffectStudy
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,13 @@ SETTINGS = GallerySettings()
 
 def gallery_figure(study: EffectStudy) -> Figure:
     """Show the pictures of :func:`gallery_pictures` in rows, each with its name, pixels as squares."""
-    nearest_m = study.plan.world.scene.nearest_m
-    note = f"{nearest_m:g} m, the same frame for all"
-    title = "One panel under each effect, at its strongest"
-    pictures = list(gallery_pictures(study))
-    grid = SETTINGS.columns, SETTINGS.cell_in
-    return picture_figure(pictures, title, note, *grid)
+    return picture_figure(
+        list(gallery_pictures(study)),
+        "One panel under each effect, at its strongest",
+        f"{study.plan.world.scene.nearest_m:g} m, the same frame for all",
+        SETTINGS.columns,
+        SETTINGS.cell_in,
+    )
 
 
 def gallery_pictures(study: EffectStudy) -> Iterator[Picture]:
@@ -68,32 +69,27 @@ def gallery_pictures(study: EffectStudy) -> Iterator[Picture]:
     plain = rendered(study.scene)
     yield Picture(plain[place], "the scene itself")
     for pair in study.pairs:
-        scenes = scenes_of(study, pair)
-        name = " + ".join(pair.differing)
+        scenes, name = [pair.present], " + ".join(pair.differing)
+        if severity := study.config.severity.get(pair.name):
+            # From harmless to harsh.
+            scenes = [study.at(pair.name, value) for value in severity.values]
         for draw in range(SETTINGS.draws):
             frame = rendered(scenes[-1], draw)
-            if seen(frame, plain):
+            if differs(frame, plain):
                 break
         while scenes[:-1] and frame[place].std() < SETTINGS.least_spread_grey:
             scenes.pop()
             frame = rendered(scenes[-1], draw)
-        if seen(frame[place], plain[place]):
+        if differs(frame[place], plain[place]):
             yield Picture(frame[place], name)
-        elif seen(frame, plain):
+        elif differs(frame, plain):
             yield Picture(frame, f"{name}\nwhole frame")
         else:
             yield Picture(frame[place], f"{name}\nno change to see")
 
 
-def seen(pixels: Bytes, plain: Bytes) -> bool:
+def differs(pixels: Bytes, plain: Bytes) -> bool:
     """Say whether the eye sees that grey values differ."""
     change = np.abs(pixels.astype(int) - plain)
     most = np.percentile(change, 100 - SETTINGS.seen_percent)
     return bool(most >= SETTINGS.seen_grey)
-
-
-def scenes_of(study: EffectStudy, pair: ScenePair) -> list[Effects]:
-    """Give the scene with an effect from harmless to harsh, or as it is where it has no severities."""
-    if (severity := study.config.severity.get(pair.name)) is None:
-        return [pair.present]
-    return [study.at(pair.name, value) for value in severity.values]

@@ -176,8 +176,9 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     columns = {name: name for name in ("receiver", "locator", "batch", "ms")}
     columns |= {"ber": "BER", "rank": ""}
     note = "frontier: no receiver is quicker and better; beaten: one is; perhaps: one may be"
-    lines = [note, "", prices.conditions(), *left_out_lines(study.left_out)]
-    quickest = sorted(prices.rows(), key=lambda row: float(row["ms"].value))
+    best, conditions = prices.rows(), prices.conditions()
+    lines = [note, "", conditions, *left_out_lines(study.left_out)]
+    quickest = sorted(best, key=lambda row: float(row["ms"].value))
     print_rows(quickest, columns, "\n".join(lines))
     every = [
         rounded(row) for batch in study.config.batch_sizes for row in prices.rows(batch)
@@ -193,7 +194,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
         settings,
         folder,
         {"tradeoff": every, "stages": list(map(rounded, stages))},
-        {"tradeoff": figures.price_figure(prices.rows(), prices.conditions())},
+        {"tradeoff": figures.price_figure(best, conditions)},
         runs=runs,
     )
 

@@ -40,11 +40,9 @@ def place(axis: str, value: float) -> str:
         >>> place("ambient_lx", 8000.0), place("contrast", 0.33)
         ('8000 lx', '33 % contrast')
     """
-    return (
-        f"{100 * value:.0f} % contrast"
-        if axis == "contrast"
-        else f"{value:g} {UNITS.get(axis, axis)}"
-    )
+    if axis == "contrast":
+        return f"{100 * value:.0f} % contrast"
+    return f"{value:g} {UNITS.get(axis, axis)}"
 
 
 @dataclass(frozen=True)
@@ -131,13 +129,12 @@ def paper_frames(curves: curve.Curves, value: float | None) -> float:
 
     A contrast bin is taken to have had the share of the paper's frames that it has here.
     """
-    counted = {
-        at: curves.counts[curves.receivers[0], at].frames for at in curves.values
-    }
+    values = curves.values if value is None else [value]
     if curves.axis != "contrast":
-        return PAPER.frames * (len(counted) if value is None else 1)
-    share = 1.0 if value is None else counted[value] / sum(counted.values())
-    return PAPER.contrast_frames * share
+        return PAPER.frames * len(values)
+    first = curves.receivers[0]
+    counted = sum(curves.counts[first, at].frames for at in values)
+    return PAPER.contrast_frames * (counted / curves.total(first).frames)
 
 
 def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
@@ -211,29 +208,26 @@ def gain_difference(
     curves: curve.Curves, found: Estimate, value: float | None, quoted: float
 ) -> Estimate:
     """Our gain less a quoted one, whose interval is ours scaled by the numbers of frames."""
-    two, *_ = two_and_three(curves, curves.values if value is None else [value])
-    scale = math.sqrt(two.frames / paper_frames(curves, value))
+    values = curves.values if value is None else [value]
+    frames = two_and_three(curves, values)[0].frames
+    scale = math.sqrt(frames / paper_frames(curves, value))
     scatter = gain_by_training(curves, value)
     # The paper's two receivers come of one training.
     alone = 0.0
     if len(scatter) > 1:
         alone = trainings.t_reach(scatter) * math.sqrt(len(scatter))
-    below, above, apart = (
-        found.value - found.low,
-        found.high - found.value,
-        found.value - quoted,
-    )
+    below, above = found.value - found.low, found.high - found.value
+    apart = found.value - quoted
     low = apart - math.hypot(below, scale * above, alone)
     return Estimate(apart, low, apart + math.hypot(above, scale * below, alone))
 
 
 def candidates(curves: curve.Curves, receiver: str) -> list[float]:
     """The values of the axis that may have the lowest rate: no other value is below them beyond chance."""
+    values = curves.values
 
     def apart(a: int, b: int, confidence: float) -> Estimate:
-        first, second = ((receiver, curves.values[at]) for at in (a, b))
-        return Comparison(curves, first, second).difference(confidence)
+        pair = Comparison(curves, (receiver, values[a]), (receiver, values[b]))
+        return pair.difference(confidence)
 
-    return [
-        curves.values[at] for at in estimate.may_be_least(len(curves.values), apart)
-    ]
+    return [values[at] for at in estimate.may_be_least(len(values), apart)]

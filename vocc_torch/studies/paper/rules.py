@@ -176,13 +176,12 @@ def weighed(comparisons: Sequence[Comparison]) -> Judgement:
     confidence = estimate.joint_confidence(len(comparisons))
     differences = [comparison.difference(confidence) for comparison in comparisons]
     support = sum(difference.low > 0 for difference in differences)
-    against = [
-        number for number, difference in enumerate(differences) if difference.high < 0
-    ]
-    measured = f"{support} of {len(comparisons)} comparisons support it, {len(against)} contradict it"
+    highs = [difference.high for difference in differences]
+    against = sum(high < 0 for high in highs)
+    measured = f"{support} of {len(comparisons)} comparisons support it, {against} contradict it"
     if against:
-        surest = min(against, key=lambda number: differences[number].high)
-        return Judgement("differ", measured, comparisons[surest].text())
+        surest = comparisons[highs.index(min(highs))]
+        return Judgement("differ", measured, surest.text())
     if support >= STRICT.least_support * len(comparisons):
         return Judgement("agree", measured)
     return Judgement("cannot say", measured, "too few differences are significant")
@@ -200,11 +199,10 @@ def minimum(
     measured = f"lowest at {named}; {len(candidates)} of {len(values)} values may be the lowest"
     if at is None:
         return valley(curves, receiver, measured)
-    interval = Estimate(
-        lowest[0], min(candidates[0], lowest[0]), max(candidates[-1], lowest[0])
-    )
+    first, *_ = lowest
+    interval = Estimate(first, min(*candidates, first), max(*candidates, first))
     if at not in candidates:
-        reason = f"{rate_text(ber[at])} at {place(curves.axis, at)}, {rate_text(ber[lowest[0]])} there"
+        reason = f"{rate_text(ber[at])} at {place(curves.axis, at)}, {rate_text(ber[first])} there"
         return Judgement("differ", measured, reason, interval)
     number = values.index(at)
     reasons = {
@@ -224,23 +222,19 @@ def valley(curves: curve.Curves, receiver: str, measured: str) -> Judgement:
     if len(values) < 3:
         raise NotMeasuredError(f"an inner value of {curves.axis}")
     confidence = estimate.joint_confidence(estimate.all_pairs(len(values)))
-    surely_above = {
-        (high, low)
-        for high, low in itertools.permutations(values, 2)
-        if Comparison(curves, (receiver, high), (receiver, low))
-        .difference(confidence)
-        .low
-        > 0
-    }
-    first, *inside, last = values
-    for end in (first, last):
-        if all((value, end) in surely_above for value in inside):
-            return Judgement(
-                "differ", measured, f"lowest at an end, {place(curves.axis, end)}"
-            )
+
+    def is_above(high: float, low: float) -> bool:
+        pair = Comparison(curves, (receiver, high), (receiver, low))
+        return pair.difference(confidence).low > 0
+
+    inside = values[1:-1]
+    for end in (values[0], values[-1]):
+        if all(is_above(value, end) for value in inside):
+            reason = f"lowest at an end, {place(curves.axis, end)}"
+            return Judgement("differ", measured, reason)
     for number, value in enumerate(inside, start=1):
         sides = values[:number], values[number + 1 :]
-        if all(any((other, value) in surely_above for other in side) for side in sides):
+        if all(any(is_above(other, value) for other in side) for side in sides):
             return Judgement("agree", measured)
     return Judgement(
         "cannot say", measured, "the rise is not significant on both sides"
@@ -253,7 +247,7 @@ def quoted(
     at: float | None = None,
     receiver: str = "flda_3",
     ber: float | None = None,
-    gain: float | None = None,
+    gain: float = 0.0,
 ) -> Judgement:
     """Judge a bit error rate, or a share of two features' errors that three do not make, that is quoted.
 
@@ -263,7 +257,7 @@ def quoted(
         at: value of the axis; None for the average gain over all values.
         receiver: whose rate.
         ber: the quoted rate; None for a gain.
-        gain: the quoted gain; None for a rate.
+        gain: the quoted gain, where no rate is quoted.
     """
     values = [] if at is None else [at]
     curves = evidence.curves(experiment, [receiver, "flda_2", "flda_3"], values)
@@ -273,7 +267,7 @@ def quoted(
         measured = f"{rate_text(found.value)} [{rate_text(found.low)}, {rate_text(found.high)}]"
         wide = found.high > STRICT.widest_ratio * found.low
         gap = f"{found.value / ber:.2g} times the quoted rate"
-    elif gain is not None:
+    else:
         share = rates.gain(curves, at)
         if share is None:
             return Judgement("cannot say", "no gain", "two features made no error")
@@ -281,16 +275,11 @@ def quoted(
         measured = f"{100 * found.value:.0f} % [{100 * found.low:.0f} %, {100 * found.high:.0f} %]"
         wide = found.high - found.low > STRICT.widest_gain
         gap = f"{100 * (found.value - gain):+.0f} points"
-    else:
-        raise NotMeasuredError("a quoted number")
     if apart.real:
         return Judgement("differ", measured, gap, found)
-    return Judgement(
-        "cannot say" if wide else "agree",
-        measured,
-        "the interval is wide" * wide,
-        found,
-    )
+    if wide:
+        return Judgement("cannot say", measured, "the interval is wide", found)
+    return Judgement("agree", measured, "", found)
 
 
 def number(
