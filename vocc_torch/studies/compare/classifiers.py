@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 
 from vocc_torch.errors import VoccError, demand_least, demand_word, section
@@ -164,8 +165,11 @@ def run_classifiers(
     for classifier in first.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
         plugged.classifier_of(classifier.build, classifier.inputs)
-    stages = 2 + len(study.scene_plans) + bool(study.scene_plans)
-    with begin(settings, folder, study.plan, stages) as run, run.pool:
+    others = len(study.scene_plans)
+    with (
+        begin(settings, folder, study.plan, 2 + others + bool(others)) as run,
+        run.pool,
+    ):
         curves = count_curves(study, run)
         lost, scenes = across_scenes(study, run)
     training = run.training(first)
@@ -183,7 +187,7 @@ def run_classifiers(
         place = f"{name}_{points[name]:g}" if name in points else ""
         drawn[name] = figures.curves_figure(table, rows, comparison.reference, place)
     if scenes:
-        receivers = [str(row["receiver"]) for row in rows]
+        receivers = [row["receiver"] for row in rows]
         drawn["robustness"] = figures.scenes_figure(scenes, study.home, receivers)
     write_report(
         settings,
@@ -191,7 +195,7 @@ def run_classifiers(
         {"classifiers": rows, "robustness": scenes},
         drawn,
         tables={"": list(curves.values())},
-        numbers={str(row["receiver"]): numbers_of(row) for row in rows},
+        numbers={row["receiver"]: numbers_of(row) for row in rows},
     )
 
 
@@ -239,10 +243,11 @@ def across_scenes(
         receiver = replace(tested.receiver, names=tuple(learners))
         cases.append(Case(replace(tested, receiver=receiver), trained))
     outcomes = run.count(cases, "other scenes")
-    rows: list[TableRow] = []
-    for (name, trained_on), outcome in zip(sources.items(), outcomes, strict=True):
-        rows += scene_rows(outcome.errors, name, trained_on)
-    return lost, rows
+    rows = [
+        scene_rows(outcome.errors, name, trained_on)
+        for (name, trained_on), outcome in zip(sources.items(), outcomes, strict=True)
+    ]
+    return lost, [*chain.from_iterable(rows)]
 
 
 def scene_rows(

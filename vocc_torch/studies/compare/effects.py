@@ -75,8 +75,11 @@ def measure_costs(study: EffectStudy) -> Costs:
     """
     plan, world = study.plan, study.plan.world
     device, model = resolve_device(world.device), world.scene
-    pairs = [(pair.absent, pair.present) for pair in study.every_pair]
-    scenes = {build_effects(effects): effects for effects in itertools.chain(*pairs)}
+    scenes = {
+        build_effects(effects): effects
+        for pair in study.every_pair
+        for effects in (pair.absent, pair.present)
+    }
     key = link.block_keys(plan.seed, plan.experiment.name, 1)[0]
     scene, bits = model.draw(key, world.panel.shape)
     counts, calls = {}, {}
@@ -167,15 +170,18 @@ def run_effects_task(settings: Settings, effects: EffectsConfig, folder: Path) -
             costs = measure_costs(study)
         with run.pool:
             errors = count_errors(study, run)
-    rows = effect_rows(study, costs, errors)
-    severities = severity_rows(study, errors)
-    shown = [row for row in rows if row["receiver"] == study.shown]
+    tables = {
+        "effects": effect_rows(study, costs, errors),
+        "severity": severity_rows(study, errors),
+    }
+    shown = [row for row in tables["effects"] if row["receiver"] == study.shown]
     print_effects(shown)
-    drawn = {"effects": figures.effects_figure(study, shown[1:])}
-    if severities:
-        drawn["severity"] = figures.severity_figure(study, severities)
-    drawn["gallery"] = gallery_figure(study)
-    tables = {"effects": rows, "severity": severities}
+    drawn = {
+        "effects": figures.effects_figure(study, shown[1:]),
+        "gallery": gallery_figure(study),
+    }
+    if tables["severity"]:
+        drawn["severity"] = figures.severity_figure(study, tables["severity"])
     write_report(settings, folder, tables, drawn)
 
 

@@ -49,7 +49,7 @@ def curves_figure(
         reference: the receiver that the others are compared with.
         place: what the columns of the stated point begin with; empty for none.
     """
-    looks = styles.receiver_styles(str(row["receiver"]) for row in rows)
+    looks = styles.receiver_styles(row["receiver"] for row in rows)
     label, panels = looks[reference].label, list[Panel]()
     for row, (name, look) in zip(rows, looks.items(), strict=True):
         drawn = {reference: Style(label, "#D55E00", "", "-"), name: SHOWN}
@@ -79,7 +79,7 @@ def scenes_figure(
         receivers: names in order; receivers without training are left out.
     """
     moves = {
-        ((str(row["trained_on"]), str(row["tested_on"])), str(row["receiver"])): row
+        ((row["trained_on"], row["tested_on"]), row["receiver"]): row
         for row in rows
         if row["trained_on"] != row["tested_on"] or row["tested_on"] == home
     }
@@ -143,8 +143,7 @@ def effects_figure(study: EffectStudy, rows: Sequence[TableRow]) -> Figure:
             if f"{reading}_frames" in rows[0]
         ]
         if series:
-            label = "Change of the bit error rate"
-            panels.append(Rows(series, label, title, "symlog"))
+            panels.append(Rows(series, "Change of the bit error rate", title, "symlog"))
     note = (
         f"# a locator needs whole frames{DOT}* the scene has it: compared with the scene without it\n"
         f"{study.plan.budget.frames} frames at true corners, the same with and without{DOT}bars: 95 %"
@@ -152,7 +151,7 @@ def effects_figure(study: EffectStudy, rows: Sequence[TableRow]) -> Figure:
         f" {rows[0]['machine']}; medians with quartiles"
     )
     names = [
-        f"{row['differs_in']} {'#' * bool(row['fills_sensor'])}{'*' * bool(row['in_scene'])}"
+        f"{row['differs_in']} {'#' * row['fills_sensor']}{'*' * row['in_scene']}"
         for row in rows
     ]
     title = titled(study, "What each effect costs and does")
@@ -200,10 +199,12 @@ def price_figure(rows: Sequence[TableRow], conditions: str) -> Figure:
     """
     quickest = sorted(rows, key=lambda row: float(row["ms"].value))
     looks = styles.receiver_styles(row["receiver"] for row in quickest)
-    frontier = [row for row in quickest if row["rank"] == "frontier"]
-    best = [row["ber"].value or row["ber"].high for row in frontier]
-    rates = [Estimate(rate, rate, rate) for rate in best]
-    line = Curve(FRONTIER, [row["ms"].value for row in frontier], rates, bars=False)
+    times, rates = [], []
+    for row in quickest:
+        if row["rank"] == "frontier":
+            times.append(row["ms"].value)
+            rates.append(Estimate(*[row["ber"].value or row["ber"].high] * 3))
+    line = Curve(FRONTIER, times, rates, bars=False)
     panels = []
     for locator in dict.fromkeys(row["locator"] for row in rows):
         curves = [

@@ -66,8 +66,8 @@ def load_readings(
     if not chosen or len(dict(chosen)) < len(chosen):
         rule = "at least one reading, each once"
         raise VoccError.of("figures.readings", list(names), rule)
-    known = {item.name for item in fields(config.Settings)}
-    plain = {key: value for key, value in asdict(settings).items() if key in known}
+    plain = asdict(settings)
+    plain = {item.name: plain[item.name] for item in fields(config.Settings)}
     readings = []
     for name, entry in chosen:
         with section(f"figures.readings.{name}"):
@@ -77,9 +77,9 @@ def load_readings(
                     rule = f"one that begins with {', '.join(SECTIONS)}"
                     raise VoccError.of("a key", repr(key), rule)
                 if not of_absent_effect(settings, key):
-                    changes.append(value)
                     for part in reversed(key.split(".")):
-                        changes[-1] = {part: changes[-1]}
+                        value = {part: value}
+                    changes.append(value)
             plan = build.build_plan(typed(config.Settings, plain, *changes))
             plan.world.simulator()  # a wrong effect is refused now
             readings.append(PaperReading(name, entry["set"], entry["why"], plan))
@@ -103,20 +103,15 @@ def parsed(text: str, path: str) -> dict[str, dict[str, Any]]:
         >>> parsed("far: {why: no text, set: {camera.focal_length_mm: 50}}", "mine.yaml")
         {'far': {'why': 'no text', 'set': {'camera.focal_length_mm': 50}}}
     """
-    entries = parse_yaml(text, f"figures.readings: {path}")
-    for name, entry in (
-        entries.items() if isinstance(entries, dict) and entries else [(path, None)]
-    ):
-        well_formed = (
-            isinstance(entry, dict)
-            and {*entry} == {"why", "set"}
-            and isinstance(entry["set"], dict)
-        )
-        if not well_formed:
-            raise VoccError.of(
-                f"figures.readings: {path}",
-                repr(name),
-                "a name with why: and set: below it",
-            )
-        config.demand_file_word(f"figures.readings: {path}", str(name))
+    key = f"figures.readings: {path}"
+    entries = parse_yaml(text, key)
+    if not isinstance(entries, dict) or not entries:
+        entries = {path: None}
+    for name, entry in entries.items():
+        match entry:
+            case {"why": _, "set": dict(), **others} if not others:
+                config.demand_file_word(key, str(name))
+            case _:
+                rule = "a name with why: and set: below it"
+                raise VoccError.of(key, repr(name), rule)
     return dict(entries)

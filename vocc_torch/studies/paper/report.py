@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
 import vocc_torch
@@ -79,7 +79,7 @@ class Report:
         estimates = figure.estimates(name)
         self.add_numbers(estimates)
         self.drawn[name] = {name: figure.picture}
-        rows = [(key, *scorecard.ends_of(at)) for key, at in estimates.items()]
+        rows = [(key, *astuple(at)) for key, at in estimates.items()]
         head = ("number", "value", "low", "high")
         self.write_rows(f"figures/{name}.csv", [head, *rows])
 
@@ -118,8 +118,10 @@ class Report:
         }
         tables = {first: list(map(paper_rows, curves))}
         tensorboard.write_figures(settings, self.folder, pictures, tables)
-        size = f"claims: {len(card.judged())}, readings: {len(card.readings)}"
-        title = f"Do and Yoo (2019), {', '.join(self.plan.names)}; {size}"
+        title = (
+            f"Do and Yoo (2019), {', '.join(self.plan.names)};"
+            f" claims: {len(card.judged())}, readings: {len(card.readings)}"
+        )
         text = page.render(
             __package__,
             "report.md.j2",

@@ -1,6 +1,5 @@
 """``task=figures``: the paper's figures and claims, measured, drawn, scored and written as one report."""
 
-from itertools import chain
 from pathlib import Path
 
 from vocc_torch.errors import VoccError
@@ -53,9 +52,8 @@ def run_figures(
         # After the workers have ended: one of these figures is a measurement of time.
         with watch.stage("other figures"):
             source = Source(plan.readings[0].plan)
-            for name in plan.names:
-                if name in EVIDENCE:
-                    report.add(name, EVIDENCE[name](source, FIGURES[name]["title"]))
+            for name in filter(EVIDENCE.__contains__, plan.names):
+                report.add(name, EVIDENCE[name](source, FIGURES[name]["title"]))
         with watch.stage("report"):
             report.write(settings, watch.seconds)
     places = [("report", "report.html"), ("", "report.md")]
@@ -75,7 +73,7 @@ def measure(settings: configs.Settings, report: Report, run: Run) -> None:
         for study in plan.studies:
             for reading, curves in study.curves(run).items():
                 evidence[reading].experiments[study.experiment] = curves
-        rows = [*chain(*(row.curves(run).values() for row in plan.rows.values()))]
+        rows = [row.curves(run)[plan.readings[0].name] for row in plan.rows.values()]
     first = every[0].plan
     write_training(settings, first, run.training(first), report.folder)
     for name in evidence[plan.readings[0].name].experiments:

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from importlib.resources import files
 from typing import Any, TypeAlias
 
@@ -132,10 +132,13 @@ class Scorecard:
             CLAIMS, self.judgements.items()
         ):
             if found := judged.get(claim):
-                about = (claim.name, claim.where, claim.text, claim.paper)
-                name = reading if claim.of_reading else ""
-                ends = ends_of(found.interval)[1:]
-                yield (*about, name, found.measured, *ends, found.verdict, found.reason)
+                yield (
+                    *(claim.name, claim.where, claim.text, claim.paper),
+                    reading * claim.of_reading,
+                    found.measured,
+                    *ends_of(found.interval)[1:],
+                    *(found.verdict, found.reason),
+                )
 
     def fit_rows(self) -> Iterable[Line]:
         """The lines of ``readings.csv``, its head first."""
@@ -150,10 +153,14 @@ class Scorecard:
         )
         for reading in self.readings:
             fit = self.fits[reading.name]
-            counts = map(fit.count, VERDICTS)
             values = yaml.safe_dump(reading.values, default_flow_style=True, width=999)
-            ends = ends_of(fit.decades)
-            yield (reading.name, *counts, *ends, values.strip(), reading.why)
+            yield (
+                reading.name,
+                *map(fit.count, VERDICTS),
+                *ends_of(fit.decades),
+                values.strip(),
+                reading.why,
+            )
 
 
 def score(
@@ -172,9 +179,9 @@ def score(
             claim: judgement
             for claim in CLAIMS
             if claim.of_reading or reading is readings[0]
-            if (judgement := claim.judge(found)) is not None
+            if (judgement := claim.judge(found))
         }
-        verdicts = {at: judged[at].verdict for at in judged if at.of_reading}
+        verdicts = {at: of.verdict for at, of in judged.items() if at.of_reading}
         fits[reading.name] = Fit(verdicts, distance(found, judged))
     return Scorecard(tuple(readings), judgements, fits)
 
@@ -183,14 +190,12 @@ def distance(evidence: Evidence, judged: Container[Claim]) -> Estimate | None:
     """Mean distance to the quoted rates, in decades; None where none was measured."""
     apart = []
     for claim in QUOTED:
-        quoted = claim.arguments
         if claim in judged:
+            quoted = claim.arguments
             curves = evidence.experiments[quoted["experiment"]]
-            place = (quoted["receiver"], quoted["at"], quoted["ber"])
-            apart.append(ends_of(rates.decades_apart(curves, *place)))
-    if not apart:
-        return None
-    return Estimate(*np.array(apart, dtype=float).mean(axis=0).tolist())
+            place = quoted["receiver"], quoted["at"], quoted["ber"]
+            apart.append(astuple(rates.decades_apart(curves, *place)))
+    return Estimate(*np.mean(apart, axis=0).tolist()) if apart else None
 
 
 @dataclass(frozen=True)
@@ -221,10 +226,8 @@ def assumptions(card: Scorecard) -> list[Assumption]:
         ]
         before, after = card.fits[first.name], card.fits[second.name]
         if len(differing) == 1 and before.decades and after.decades:
-            changed = sum(
-                after.verdicts.get(claim) != said
-                for claim, said in before.verdicts.items()
-            )
+            # Both readings have a verdict on the same claims.
+            changed = len(before.verdicts.items() - after.verdicts.items())
             moved = abs(before.decades.value - after.decades.value)
             changes.setdefault(differing[0], []).append((moved, changed))
     found = [

@@ -26,16 +26,15 @@ def grey_overlap(source: Source, title: str) -> PaperFigure:
     highest_on = np.where(bits, greys, -np.inf).max(axis=(1, 2))
     lowest_off = np.where(bits, np.inf, greys).min(axis=(1, 2))
     dark, bright = int(highest_on.argmin()), int(lowest_off.argmax())
+    highest, lowest = float(highest_on[dark]), float(lowest_off[bright])
     numbers = {
-        "dark_frame_highest_on_grey": float(highest_on[dark]),
-        "bright_frame_lowest_off_grey": float(lowest_off[bright]),
+        "dark_frame_highest_on_grey": highest,
+        "bright_frame_lowest_off_grey": lowest,
         "misread_off_share": float((greys >= sample.thresholds)[~bits].mean()),
     }
-    darkest = f"On LEDs are at most {highest_on[dark]:.0f}"
-    brightest = f"Off LEDs are at least {lowest_off[bright]:.0f}"
     pictures = [
-        Picture(sample.panels[dark], darkest),
-        Picture(sample.panels[bright], brightest),
+        Picture(sample.panels[dark], f"On LEDs are at most {highest:.0f}"),
+        Picture(sample.panels[bright], f"Off LEDs are at least {lowest:.0f}"),
     ]
     return PaperFigure(numbers, picture_figure(pictures, title))
 
@@ -82,18 +81,20 @@ def contrast_panels(source: Source, title: str) -> PaperFigure:
             step = lit.greys.average.mean() - dark.greys.average.mean()
             contrasts.append(float(step) / 255)
         low, middle, high = min(contrasts), contrasts[1], max(contrasts)
-        seen, sharp = (
+        bloomed, sharp = (
             source.read(simulator, paper_scene(*light), bits)
             for simulator in simulators
         )
-        added = (seen.greys.average - sharp.greys.average)[~bits].mean()
+        added = (bloomed.greys.average - sharp.greys.average)[~bits].mean()
         numbers |= {
             f"contrast_{stated}": Estimate(middle, low, high),
             f"misfit_{stated}": max(low - stated / 100, stated / 100 - high, 0.0),
             f"interference_{stated}": float(added) / 255,
         }
-        heading = f"{light[0]:.0f} lx, {light[1]:.0f} cd/m²\n"
-        heading += f"{middle:.1%}; the paper has {stated} %"
-        pixels = seen.patches[0, 0].double().numpy()
+        heading = (
+            f"{light[0]:.0f} lx, {light[1]:.0f} cd/m²\n"
+            f"{middle:.1%}; the paper has {stated} %"
+        )
+        pixels = bloomed.patches[0, 0].double().numpy()
         pictures.append(Picture(pixels, heading))
     return PaperFigure(numbers, picture_figure(pictures, title))
