@@ -130,7 +130,7 @@ def find_jobs(folder: Path) -> list[SweepJob]:
             f"input {folder} holds no job: give a folder that a multirun of task=test"
             f" wrote, with 0/{TABLE}, 1/{TABLE} and so on"
         )
-    jobs = list[SweepJob]()
+    jobs = []
     for place in sorted(found, key=order):
         name = place.relative_to(folder).as_posix()
         name = folder.resolve().name if place == folder else name
@@ -145,8 +145,8 @@ def read_jobs(place: Path, name: str) -> list[SweepJob]:
         place: the folder.
         name: the job's.
     """
-    settings: Mapping[str, object] = {}
-    tables: Mapping[tuple[str, str], curve.BerTable] = {}
+    settings = {}
+    tables = {}
     path, status, complaint = place / TABLE, "done", ""
     try:
         settings = config.read_flat(place / run_folder.CONFIG)
@@ -294,7 +294,7 @@ def jobs_figure(jobs: Sequence[SweepJob], keys: Sequence[str], title: str) -> Fi
         1
     """
     shown = [row for job in jobs for row in job.table]
-    looks, panels = styles.receiver_styles(row.receiver for row in shown), list[Panel]()
+    looks, panels = styles.receiver_styles(row.receiver for row in shown), []
     for job in jobs:
         about = [label(job, keys), "" if job.status == "done" else job.status]
         name = f"job {job.name}: {', '.join(filter(None, about))}".removesuffix(": ")

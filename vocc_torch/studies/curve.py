@@ -63,7 +63,7 @@ def run_test(settings: config.Settings, folder: Path) -> None:
         VoccError: values that TensorBoard cannot tell apart, or whatever a stage refuses.
     """
     plan, console = build.build_plan(settings), terminal.Console()
-    drawing: dict[str, sweep.Prepare] = {}
+    drawing = {}
     if target := plan.budget.sampling:
         drawing["prepare"] = PlugIn.of("budget.sampling", target).made
     if settings.tensorboard:
@@ -101,11 +101,11 @@ def count_curves(run: Run, plan: Plan, **drawing: sweep.Prepare) -> list[curve.C
     """
     rows, locator = plan.rows().values(), plan.receiver.locator
     jobs = [run.job(case) for row in rows for case in cases_of(row, [plan])]
-    curves = list[curve.Curves]()
+    curves = []
     with run.stage("bit error rates", plan.frames_in_point * len(jobs)) as advance:
         outcomes = sweep.outcomes(jobs, run.pool, run.store, advance, **drawing)
         for row in rows:
-            found = dict[float, runner.Outcome]()
+            found = {}
             for at in row.experiment.simulated_values:
                 found[at] = next(outcomes)
                 points = sweep.curves_at(row, locator, {at: found[at]})
@@ -164,7 +164,7 @@ def write_results(
     """
     write_training(settings, plan, training, folder)
     rate_tables.write_paired(folder / "paired.csv", curves)
-    names, board = plan.receiver.names, dict[str, Any]()
+    names, board = plan.receiver.names, {}
     if axis := plan.experiment.row_axis:
         cells = grid.Grid(axis, plan.experiment.rows, curves)
         rate_tables.write_grid(folder / "ber.csv", cells)

@@ -225,7 +225,7 @@ def across_scenes(
         frames. And the rows of ``robustness.csv`` by scenes tested on, then scenes trained on, then receiver;
         those trained where they are tested are among them, and receivers that learn nothing are not.
     """
-    plans, lost, home = dict(study.scene_plans), dict[str, str](), study.home
+    plans, lost, home = dict(study.scene_plans), {}, study.home
     for name, plan in study.scene_plans.items():
         try:
             run.train([plan], f"training in {name}")
@@ -291,7 +291,7 @@ def classifier_rows(
         points = [(found, value) for found in curves.values() for value in found.values]
         return sum(found.tested(receiver, at).half_errors for found, at in points)
 
-    rows: list[TableRow] = []
+    rows = []
     for receiver in sorted(first.receivers, key=half_errors):
         costs = zip(COSTS, astuple(training.making(receiver)), strict=True)
         row: TableRow = {"receiver": receiver, **dict(costs)}

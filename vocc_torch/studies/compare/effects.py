@@ -121,7 +121,7 @@ def count_errors(study: EffectStudy, run: Run) -> Errors:
     Raises:
         VoccError: no panel in any training frame, or a worker that was ended from outside.
     """
-    cases: dict[Place, Case] = {}
+    cases = {}
 
     def add(place: Place, effects: Effects, frames: int, *met: Effects) -> None:
         sources = [study.plan_of(scene, place[1]) for scene in met]
@@ -198,7 +198,7 @@ def effect_rows(study: EffectStudy, costs: Costs, errors: Errors) -> list[TableR
         "machine": costs.machine,
         "waited_share": round(costs.waited_share, 4),
     }
-    rows, kinds = list[TableRow](), {"": "scene", TOGETHER: "together"}
+    rows, kinds = [], {"": "scene", TOGETHER: "together"}
     for name, pair in itertools.product(study.plan.receiver.names, study.every_pair):
         row: TableRow = {
             "row": kinds.get(pair.name, "effect"),
@@ -250,7 +250,7 @@ def severity_rows(study: EffectStudy, errors: Errors) -> list[TableRow]:
     ``trained``: whether the receiver trained ``without`` the effect or ``with`` it, as the table of effects
     has it; ``in_table`` marks the value there.
     """
-    rows: list[TableRow] = []
+    rows = []
     for (effect, _, value, name, number), found in errors.items():
         if isinstance(value, str):
             continue

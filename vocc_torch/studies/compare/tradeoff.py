@@ -103,7 +103,7 @@ class PriceList:
 
         ``ms`` is the median time a frame with its quartiles. ``rank`` compares the rows.
         """
-        study, rows = self.study, list[TableRow]()
+        study, rows = self.study, []
         for (name, key), error in zip(study.keys.items(), self.errors, strict=True):
             totals = {
                 batch: self.times[name, batch].total

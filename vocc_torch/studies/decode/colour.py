@@ -229,7 +229,7 @@ def unmixed(
     strength, channel = light[1:].max(1)
     inverse = inverse * strength
     offsets = (light[0, channel] - light[0] @ inverse).tolist()
-    mixes = list[Mix]()
+    mixes = []
     each = zip(CHANNELS[2:5], inverse.T.tolist(), offsets, strict=True)
     for name, weights, offset in each:
         mix = Mix(name, tuple(weights), offset, True)

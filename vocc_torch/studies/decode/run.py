@@ -96,7 +96,7 @@ def run_files(
     try:
         with ProgressView(total, console, "decoding") as view:
             for _, panels in groupby(readings, _picture_of):
-                found = list[Reading]()
+                found = []
                 for reading in panels:
                     rows.append(reading.row())
                     summary.add(reading)
@@ -145,7 +145,7 @@ def run_live(
     viewer = Viewer() if config.show else None
     folder.mkdir(parents=True, exist_ok=True)
     write_receiver(settings, receiver, folder)
-    summary, latencies_s = Summary(), list[float]()
+    summary, latencies_s = Summary(), []
     with (folder / "bits.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)

@@ -132,7 +132,7 @@ def plan_figures(settings: configs.Settings, config: FiguresConfig) -> FigurePla
         raise VoccError.of(
             "receiver.names", list(first.receiver.names), f"at least one of {known}"
         )
-    studies, rows = list[RateStudy](), dict[float, RateStudy]()
+    studies, rows = [], {}
     for group in alike(readings):
         locators = {reading.name: reading.locator for reading in group}
         for name, experiment in config.experiments.items():

@@ -66,7 +66,7 @@ class Comparison:
             return curves.difference(first, second, x, confidence)
         high, low = curves.trainings(first, x), curves.trainings(second, y)
         apart = paired.difference_independent(high.pooled, low.pooled, confidence)
-        scatter: list[float] = np.subtract(high.rates, low.rates).tolist()
+        scatter = np.subtract(high.rates, low.rates).tolist()
         return trainings.widened(apart, scatter, confidence)
 
     def text(self) -> str:
@@ -200,7 +200,7 @@ def gain_by_training(curves: curve.Curves, value: float | None) -> list[float]:
         if base := two.pooled.ber:
             expected = np.multiply(three.pooled.ber / base, two.rates)
             apart.append(np.subtract(expected, three.rates) / base)
-    means: list[float] = np.mean(apart, axis=0).tolist() if apart else []
+    means = np.mean(apart, axis=0).tolist() if apart else []
     return means
 
 

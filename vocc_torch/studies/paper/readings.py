@@ -53,7 +53,7 @@ def load_readings(
     """
     text = resources(__package__).joinpath("readings.yaml").read_text("utf-8")
     shipped = parsed(text, "readings.yaml")
-    chosen: list[tuple[str, dict[str, Any]]] = []
+    chosen = []
     for name in names:
         if name in shipped:
             chosen.append((name, shipped[name]))

@@ -62,7 +62,7 @@ class Report:
                 sections, f"{title}, {len(sections)} readings", note
             )
             self.drawn[name][f"{name}_readings"] = every
-        lines: list[run_folder.Cells] = [("reading", *curve.COLUMNS)]
+        lines = [("reading", *curve.COLUMNS)]
         for reading, table in tables.items():
             lines += [(reading, *cells) for cells in rate_tables.ber_rows(table)[1:]]
         self.write_rows(f"figures/{name}.csv", lines)

@@ -172,7 +172,7 @@ def score(
         readings: the first is reported in full.
         evidence: what was measured, by the reading's name.
     """
-    judgements, fits = dict[str, dict[Claim, Judgement]](), {}
+    judgements, fits = {}, {}
     for reading in readings:
         found = evidence[reading.name]
         judgements[reading.name] = judged = {

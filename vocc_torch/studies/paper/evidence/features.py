@@ -74,7 +74,7 @@ def spread(source: Source, title: str, names: Sequence[str]) -> PaperFigure:
     """
     sample, bits = source.sample, source.sample.bits
     figure, axes = plots.sheet(len(names), title)
-    numbers: dict[str, float] = {}
+    numbers = {}
     for at, name in enumerate(names):
         parts, label = name.split("+"), LABELS.get(name, "Score of FLDA")
         if name in sample.values:

@@ -68,7 +68,7 @@ def contrast_panels(source: Source, title: str) -> PaperFigure:
     the mean grey of Off LEDs.
     """
     simulators = source.plan.world.simulator(), source.without_blooming()
-    bits, pictures = source.bits("contrast"), list[Picture | None]()
+    bits, pictures = source.bits("contrast"), []
     numbers: dict[str, float | Estimate] = {}
     for stated, light in PAPER_SCENES.items():
         contrasts = []
