@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from vocc_torch.measure import (
     config,
     curve,
     grid,
-    runner,
     sweep,
     timing,
     train,
@@ -174,33 +172,27 @@ def write_results(
     else:
         (table,) = curves
         run_folder.write_rows(folder / "ber.csv", rate_tables.ber_rows(table))
-        tables, figures = {"": [table]}, curve_figures(plan, training, table)
+        camera, panel = plan.world.camera, plan.world.panel.shape
+        title = (
+            f"Bit error rate, experiment “{plan.experiment.name}”:"
+            f" {panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
+        )
+        features = [
+            name.upper() if name in FEATURE_NAMES else name
+            for name in plan.receiver.reader.names
+        ]
+        tables = {"": [table]}
+        figures = {
+            "ber": plots.ber_figure(table, title),
+            "features": led_plots.feature_histograms(
+                training.features, training.bits, features
+            ),
+        }
         if settings.tensorboard:
             receiver = train.trained_receiver(plan, training)
             board["images"] = sample_frames(plan, receiver)
     tensorboard.write_figures(settings, folder, figures, tables, **board)
     return list(figures)
-
-
-def curve_figures(
-    plan: Plan, training: train.Training, table: curve.BerTable
-) -> dict[str, plots.Figure]:
-    """Draw a curve, and the features of On and Off LEDs, by the file's name without its end."""
-    camera, panel = plan.world.camera, plan.world.panel.shape
-    title = (
-        f"Bit error rate, experiment “{plan.experiment.name}”:"
-        f" {panel.rows} x {panel.columns} LEDs, {camera.focal_length_mm:g} mm lens"
-    )
-    names = [
-        feature.upper() if feature in FEATURE_NAMES else feature
-        for feature in plan.receiver.reader.names
-    ]
-    return {
-        "ber": plots.ber_figure(table, title),
-        "features": led_plots.feature_histograms(
-            training.features, training.bits, names
-        ),
-    }
 
 
 def notes_on(plan: Plan, curves: curve.Curves) -> list[str]:

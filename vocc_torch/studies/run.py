@@ -114,15 +114,15 @@ class Run:
 
     def job(self, case: Case) -> runner.Job:
         """Give the job of a case, with the trainings of each locator numbered."""
-        plan, keys = case.plan, list(map(training_key, case.trained_on))
-        banks: list[runner.NumberedBank] = []
-        for source, key in zip(case.trained_on, keys, strict=True):
+        plan, banks = case.plan, list[runner.NumberedBank]()
+        for source in case.trained_on:
             locator = source.receiver.locator
-            for bank in self._trainings[key].banks(plan.receiver.names):
+            for bank in self.training(source).banks(plan.receiver.names):
                 number = sum(locator == other for other, _, _ in banks)
                 banks.append((locator, bank, number))
         settings = identity(plan, [locator for locator, _, _ in banks])
-        text = canonical(settings | {"trained_on": keys})
+        settings["trained_on"] = list(map(training_key, case.trained_on))
+        text = canonical(settings)
         digest = hashlib.sha256(text.encode()).hexdigest()
         job = sweep.job_of(plan, banks, case.value)
         return replace(job, name=f"{job.point} {digest}")
@@ -169,8 +169,10 @@ def begin(
         Store.open(ledger, counted_for) as store,
     ):
         if known := len(store):
-            counted = f"{known} blocks of frames are already counted in {ledger}"
-            run_folder.say(console, f"resuming: {counted}")
+            counted = (
+                f"resuming: {known} blocks of frames are already counted in {ledger}"
+            )
+            run_folder.say(console, counted)
         run_folder.write_config(settings, folder)
         try:
             yield Run(pool, store, console, stages)

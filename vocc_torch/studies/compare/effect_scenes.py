@@ -184,8 +184,8 @@ class EffectStudy:
         return ScenePair(name, present, absent, name in self.scene)
 
     @cached_property
-    def together(self) -> ScenePair | None:
-        """The scene with all chosen effects at once, and without them; None where it has them all."""
+    def together(self) -> list[ScenePair]:
+        """The scene with all chosen effects at once, and without them; nothing where it has them all."""
         added = [pair for pair in self.pairs if not pair.in_scene]
         scene, differing = dict(self.scene), set[str]()
         for pair in added:
@@ -201,13 +201,12 @@ class EffectStudy:
         absent = {name: scene[name] for name in scene if name not in differing}
         with section("effects.parts", before="scene.effects"):
             chain.build_effects(scene)
-        return ScenePair(TOGETHER, scene, absent) if added else None
+        return [ScenePair(TOGETHER, scene, absent)] * bool(added)
 
     @property
     def every_pair(self) -> list[ScenePair]:
         """The scene itself, with no name and nothing that differs; one effect at a time; all together."""
-        scene = ScenePair("", self.scene, self.scene)
-        return [scene, *self.pairs, *([self.together] if self.together else [])]
+        return [ScenePair("", self.scene, self.scene), *self.pairs, *self.together]
 
     @property
     def severities(self) -> dict[str, list[float]]:

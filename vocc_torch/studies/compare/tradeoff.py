@@ -134,8 +134,7 @@ class PriceList:
             f" times on {handed} in each receiver's best batch; {self.machine}."
         )
         if self.waited_share >= SETTINGS.busy_share:
-            share = 100 * self.waited_share
-            text += f" Other work had the processor for {share:.0f} % of the time."
+            text += f" Other work had the processor for {100 * self.waited_share:.0f} % of the time."
         return text
 
 

@@ -225,6 +225,9 @@ def _readings(
     corners, bits = read.corners_px.cpu().numpy(), read.bits.cpu().numpy()
     rows = zip(frames, *(one.tolist() for one in columns), tracks, strict=True)
     for i, (frame, found, *judged) in enumerate(rows):
-        names = [name for name, far in beyond.items() if far[i] and found]
-        unlike = {name: float(looks[i, APPEARANCE.index(name)]) for name in names}
+        unlike = {
+            name: float(looks[i, APPEARANCE.index(name)])
+            for name, far in beyond.items()
+            if far[i] and found
+        }
         yield Reading(frame, found, corners[i], bits[i], unlike, *judged)

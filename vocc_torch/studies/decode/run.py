@@ -156,7 +156,10 @@ def run_live(
                 summary.add(reading)
                 if (arrived_s := reading.frame.arrived_s) is not None:
                     latencies_s.append(time.monotonic() - arrived_s)
-                say(console, line_of(reading))
+                index, time_s = reading.frame.index, reading.frame.time_s
+                place = f"frame {index:6d}" if time_s is None else f"{time_s:9.3f} s"
+                text = f"{reading.text}  margin {reading.margin:.3g}"
+                say(console, f"{place}  {text if reading.found else 'no panel'}")
                 if viewer is not None:
                     viewer.show(reading)
         except KeyboardInterrupt:
@@ -254,11 +257,3 @@ def summarised(summary: Summary, latencies_s: Sequence[float], dropped: int) -> 
         median, high = MS_PER_S * np.quantile(latencies_s, [0.5, 0.95])
         text += f"; latency {median:.0f} ms, {high:.0f} ms at the 95th percentile"
     return text + f"; {dropped} frames dropped" * bool(dropped)
-
-
-def line_of(reading: Reading) -> str:
-    """One line of the terminal for a frame: its time, its bits and their smallest margin."""
-    time_s = reading.frame.time_s
-    place = f"frame {reading.frame.index:6d}" if time_s is None else f"{time_s:9.3f} s"
-    text = f"{reading.text}  margin {reading.margin:.3g}"
-    return f"{place}  {text if reading.found else 'no panel'}"

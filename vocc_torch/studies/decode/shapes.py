@@ -101,7 +101,7 @@ def likeliest(
     shapes: Sequence[PanelShape],
 ) -> ShapeChoice:
     """Compare shapes on one frame by the false alarms that the locator states."""
-    (rate, place), (next_rate, second) = sorted(alarms_of(model, grey, shapes))[:2]
+    (rate, place), (next_rate, second), *_ = sorted(alarms_of(model, grey, shapes))
     is_sure = rate <= SETTINGS.sure_rate and next_rate >= SETTINGS.sure_ratio * rate
     return ShapeChoice(shapes[place], rate, shapes[second], next_rate, is_sure)
 

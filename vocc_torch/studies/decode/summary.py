@@ -107,5 +107,5 @@ class Summary:
         """Fill in a template of this package."""
         from vocc_torch.report import page  # rarely needed, and slow to import
 
-        name = f"{template}.txt.j2"
-        return page.render(__package__, name, summary=self, **values).splitlines()
+        values |= {"summary": self}
+        return page.render(__package__, f"{template}.txt.j2", **values).splitlines()

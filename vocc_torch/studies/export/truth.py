@@ -158,7 +158,10 @@ def annotation_of(number: int, row: dict[str, Any]) -> dict[str, Any] | None:
     visible = (inside == corners).all(axis=1)
     keypoints = np.column_stack([corners, np.full(4, 2.0)]) * visible[:, None]
     return {
-        **{"id": number, "image_id": number, "category_id": 1, "iscrowd": 0},
+        "id": number,
+        "image_id": number,
+        "category_id": 1,
+        "iscrowd": 0,
         "bbox": [*corner.tolist(), *size.tolist()],
         "area": float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2),
         "segmentation": [inside.flatten().tolist()],

@@ -74,10 +74,8 @@ class RateStudy(NamedTuple):
         Raises:
             VoccError: no frame fell into any contrast bin.
         """
-        values, counted = (
-            self.plan.experiment.simulated_values,
-            run.count(self.cases, self.name),
-        )
+        counted = run.count(self.cases, self.name)
+        values = self.plan.experiment.simulated_values
         outcomes = dict(zip(values, counted, strict=True))
         curves = {
             reading: sweep.curves_at(self.plan, locator, outcomes)
@@ -124,7 +122,9 @@ def plan_figures(settings: configs.Settings, config: FiguresConfig) -> FigurePla
         VoccError: an unknown figure or reading, an experiment outside its range, or none of the receivers
             that the figures show.
     """
-    names = wanted_figures(config.names)
+    for name in config.names:
+        demand_word("figures.names", name, FIGURES)
+    names = tuple(name for name in FIGURES if name in (config.names or FIGURES))
     readings = load_readings(config.readings, settings)
     first = readings[0].plan
     if not {*first.receiver.names} & {*PAPER_RECEIVERS}:
@@ -145,21 +145,6 @@ def plan_figures(settings: configs.Settings, config: FiguresConfig) -> FigurePla
         for at, plan in rows_of(first, DIMMING, config.experiments[DIMMING]).items():
             rows[at] = RateStudy(DIMMING, f"{DIMMING}-{at:g}", plan, locators)
     return FigurePlan(names, readings, studies, rows)
-
-
-def wanted_figures(names: Sequence[str]) -> tuple[str, ...]:
-    """The figures to make, in the paper's order; no name means all.
-
-    Raises:
-        VoccError: an unknown name.
-
-    Example:
-        >>> wanted_figures(["fig22", "fig04"])
-        ('fig04', 'fig22')
-    """
-    for name in names:
-        demand_word("figures.names", name, FIGURES)
-    return tuple(name for name in FIGURES if not names or name in names)
 
 
 def alike(readings: Sequence[PaperReading]) -> list[list[PaperReading]]:

@@ -71,17 +71,16 @@ class Comparison:
 
     def text(self) -> str:
         """The two rates and where they were measured."""
-        parts = []
-        for receiver, value in (self.above, self.below):
-            rate = rate_text(self.curves.tested(receiver, value).ber)
-            parts.append(f"{receiver} {rate} at {place(self.curves.axis, value)}")
-        return " and ".join(parts)
+        curves = self.curves
+        return " and ".join(
+            f"{name} {rate_text(curves.tested(name, at).ber)} at {place(curves.axis, at)}"
+            for name, at in (self.above, self.below)
+        )
 
 
 def measured_rate(curves: curve.Curves, receiver: str, value: float) -> Estimate:
     """A bit error rate with its interval; without errors the high end is the one-sided limit."""
-    rows = curves.of(receiver)
-    return next(row.rate for row in rows if row.value == value)
+    return next(row.rate for row in curves.of(receiver) if row.value == value)
 
 
 def quoted_counts(

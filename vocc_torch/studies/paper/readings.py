@@ -68,6 +68,7 @@ def load_readings(
         raise VoccError.of("figures.readings", list(names), rule)
     plain = asdict(settings)
     plain = {item.name: plain[item.name] for item in fields(config.Settings)}
+    absent = {kind.name for kind in PHYSICAL_ORDER} - {*settings.scene.effects}
     readings = []
     for name, entry in chosen:
         with section(f"figures.readings.{name}"):
@@ -76,7 +77,8 @@ def load_readings(
                 if key.partition(".")[0] not in SECTIONS:
                     rule = f"one that begins with {', '.join(SECTIONS)}"
                     raise VoccError.of("a key", repr(key), rule)
-                if not of_absent_effect(settings, key):
+                # Of an effect that the scene does not name there is nothing to read.
+                if key.removeprefix("scene.effects.").partition(".")[0] not in absent:
                     for part in reversed(key.split(".")):
                         value = {part: value}
                     changes.append(value)
@@ -84,13 +86,6 @@ def load_readings(
             plan.world.simulator()  # a wrong effect is refused now
             readings.append(PaperReading(name, entry["set"], entry["why"], plan))
     return tuple(readings)
-
-
-def of_absent_effect(settings: config.Settings, key: str) -> bool:
-    """Whether a key belongs to an effect that the scene does not name: there is nothing to read."""
-    effect = key.removeprefix("scene.effects.").partition(".")[0]
-    known = {kind.name for kind in PHYSICAL_ORDER}
-    return effect in known - {*settings.scene.effects}
 
 
 def parsed(text: str, path: str) -> dict[str, dict[str, Any]]:
