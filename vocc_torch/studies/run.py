@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from vocc_torch.measure import kept_training, runner, sweep
 from vocc_torch.measure.build import build_plan, without_absent
@@ -20,8 +21,7 @@ Advance = Callable[[float], None]
 """Called with the units of work done since the last call."""
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """Frames of one set of scenes, decoded by receivers of one or more trainings.
 
     Args:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 from vocc_torch.errors import (
     VoccError,
@@ -38,8 +39,7 @@ def fills(effects: Effects) -> bool:
     return any(effect.fills_sensor for effect in chain.build_effects(effects))
 
 
-@dataclass(frozen=True)
-class ScenePair:
+class ScenePair(NamedTuple):
     """Two scenes that differ in one effect, or in several.
 
     Args:

@@ -3,9 +3,9 @@
 import functools
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -40,8 +40,7 @@ KINDS = ("near", "located")
 """What is rendered: the panel's surroundings, or what a locator needs."""
 
 
-@dataclass(frozen=True)
-class Costs:
+class Costs(NamedTuple):
     """Times of all scenes.
 
     Args:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from vocc_torch.errors import VoccError, demand_least, demand_word, whole_number
 from vocc_torch.measure import estimate, link, stage_times, sweep, timing
@@ -80,8 +80,7 @@ class TradeoffStudy:
         }
 
 
-@dataclass(frozen=True)
-class PriceList:
+class PriceList(NamedTuple):
     """All that was measured.
 
     Args:

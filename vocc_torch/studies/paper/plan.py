@@ -1,7 +1,7 @@
 """What ``task=figures`` measures: the wanted figures, and the studies behind them under every reading."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -88,8 +88,7 @@ class RateStudy(NamedTuple):
         return curves
 
 
-@dataclass(frozen=True)
-class FigurePlan:
+class FigurePlan(NamedTuple):
     """The figures, the readings and the studies.
 
     Args:

@@ -6,6 +6,7 @@ Where receivers were trained several times, a rate is that of the algorithm, ove
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,8 +46,7 @@ def place(axis: str, value: float) -> str:
     return f"{value:g} {UNITS.get(axis, axis)}"
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """Two bit error rates of which a claim says that the first is higher.
 
     Args:

@@ -1,9 +1,9 @@
 """Readings of what the paper leaves open, by name or from a file."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from importlib.resources import files as resources
-from typing import Any
+from typing import Any, NamedTuple
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.files import read_file
@@ -17,8 +17,7 @@ SECTIONS = ("scene", "camera", "panel", "receiver")
 """Parts of the configuration that a reading may set."""
 
 
-@dataclass(frozen=True)
-class PaperReading:
+class PaperReading(NamedTuple):
     """One way to fill what the paper leaves open.
 
     Args:

@@ -23,7 +23,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 from vocc_torch.measure import curve, estimate
 from vocc_torch.measure.estimate import Estimate
@@ -98,8 +98,7 @@ class Evidence:
         return found
 
 
-@dataclass(frozen=True)
-class Judgement:
+class Judgement(NamedTuple):
     """A verdict with its reason.
 
     Args:

@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from importlib.resources import files
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import yaml
@@ -105,8 +105,7 @@ class Fit:
         return [*self.verdicts.values()].count(verdict)
 
 
-@dataclass(frozen=True)
-class Scorecard:
+class Scorecard(NamedTuple):
     """The verdict on each claim under each reading.
 
     Args:
@@ -198,8 +197,7 @@ def distance(evidence: Evidence, judged: Container[Claim]) -> Estimate | None:
     return Estimate(*np.mean(apart, axis=0).tolist()) if apart else None
 
 
-@dataclass(frozen=True)
-class Assumption:
+class Assumption(NamedTuple):
     """What changing one value alone does, as the mean over pairs of readings that differ in nothing else.
 
     Args:

@@ -1,14 +1,13 @@
 """The paper's figures other than bit error rates."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import plots
 
 
-@dataclass(frozen=True)
-class PaperFigure:
+class PaperFigure(NamedTuple):
     """One figure of the paper.
 
     Args:

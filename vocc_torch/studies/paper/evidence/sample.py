@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -22,8 +23,7 @@ SAMPLE_FRAMES = 100
 """Section III-B: "100 sample LED panel frames simulated at various conditions"."""
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """The sample frames and what the reader measures in them at the true corners.
 
     Args:
