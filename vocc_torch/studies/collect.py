@@ -221,7 +221,7 @@ def setting_text(value: object) -> str:
         >>> [setting_text(value) for value in (18.0, None, True, ["uniform", 40, 60.5], "truth")]
         ['18', 'null', 'true', '[uniform,40,60.5]', 'truth']
     """
-    if value is None or isinstance(value, bool):
+    if isinstance(value, bool | None):
         return json.dumps(value)
     if isinstance(value, list):
         return f"[{','.join(map(setting_text, value))}]"

@@ -161,7 +161,7 @@ def run_classifiers(
         VoccError: an unknown name, a value outside its range, or whatever a stage refuses.
     """
     study = build_classifier_study(settings, comparison)
-    first = next(iter(study.plans.values()))
+    first, *_ = study.plans.values()
     for classifier in first.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
         plugged.classifier_of(classifier.build, classifier.inputs)

@@ -23,11 +23,10 @@ def columns_of(name: str) -> tuple[str, str, str]:
         (('ber', 'ber_low', 'ber_high'), ('near_ms', 'near_low_ms', 'near_high_ms'))
     """
     stem, _, quantity = name.rpartition("_")
-    if quantity == "change":
-        return name, f"{stem}_low", f"{stem}_high"
-    if stem and quantity == "ms":
-        return name, f"{stem}_low_ms", f"{stem}_high_ms"
-    return name, f"{name}_low", f"{name}_high"
+    unit = "_ms" * (stem > "" and quantity == "ms")
+    if not unit and quantity != "change":
+        stem = name
+    return name, f"{stem}_low{unit}", f"{stem}_high{unit}"
 
 
 def flat(row: TableRow) -> TableRow:
@@ -64,7 +63,7 @@ def write_report(
             cells = list(map(flat, table))
             fullest = max(cells, key=len)
             columns = list(fullest)
-            lines = [[row.get(column) for column in columns] for row in cells]
+            lines = [[*map(row.get, columns)] for row in cells]
             run_folder.write_rows(folder / f"{name}.csv", [columns, *lines], short=True)
     tensorboard.write_figures(settings, folder, figures, **board)
     places = [

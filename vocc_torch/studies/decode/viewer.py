@@ -46,7 +46,7 @@ class Viewer:
         if not reading.found:
             rerun.log("frame/panel", rerun.Clear(recursive=True))
             return
-        outline = np.concatenate([reading.corners_px, reading.corners_px[:1]])
+        outline = reading.corners_px[[0, 1, 2, 3, 0]]
         rerun.log("frame/panel/outline", rerun.LineStrips2D([outline]))
         colours = [SETTINGS.on if bit else SETTINGS.off for bit in reading.bits.ravel()]
         points = led_centres_px(reading.corners_px, reading.bits)

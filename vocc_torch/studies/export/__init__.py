@@ -33,7 +33,7 @@ class ExportConfig:
         """Check every range."""
         demand_word("export.points", self.points, POINTS)
         demand_ranges("export", self)
-        if self.shard_frames % BLOCK or not BLOCK <= self.shard_frames <= MOST_SHARD:
+        if self.shard_frames not in range(BLOCK, MOST_SHARD + 1, BLOCK):
             rule = f"a multiple of {BLOCK} from {BLOCK} to {MOST_SHARD}"
             raise VoccError.of("export.shard_frames", self.shard_frames, rule)
 
