@@ -183,7 +183,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     ]
     runs = {
         f"{row['receiver']}-{row['locator']}": (
-            {name: row[name] for name in ("receiver", "locator")},
+            {"receiver": row["receiver"], "locator": row["locator"]},
             numbers_of(row),
         )
         for row in every

@@ -179,11 +179,10 @@ def fisher_mix(
     if not margin:
         cells, on = cells[:, 1:-1, 1:-1], on[:, 1:-1, 1:-1]
     rows, on = cells.reshape(-1, 3), on.reshape(-1)
-    if not 0 < int(on.sum()) < len(on):
+    if on.all() or not on.any():
         return None
     direction = Discriminant.of(ClassScatter.of_rows(rows, on))[0].direction
-    along = rows @ direction
-    low, high = float(along.min()), float(along.max())
+    low, high = (float(end) for end in (rows @ direction).aminmax())
     if not high > low:
         return None
     gain = 127.5 / (high - low)

@@ -105,23 +105,22 @@ class Reading:
     def row(self) -> list[str]:
         """The frame's row of ``bits.csv``."""
         frame = self.frame
-        judged = [
+        cells = [
             *(f"{c:.2f}" for c in self.corners_px.ravel()),
             self.text,
             f"{self.margin:.4g}",
             f"{self.panel_score:.3f}",
             f"{self.expected_errors:.3g}",
         ]
-        if not self.found:
-            judged = [""] * len(judged)
+        *judged, errors = cells if self.found else [""] * len(cells)
         return [
             frame.source,
             str(frame.index),
             "" if frame.time_s is None else f"{frame.time_s:.6f}",
             str(int(self.found)),
-            *judged[:-1],
+            *judged,
             str(self.candidates),
-            judged[-1],
+            errors,
             str(self.panel),
             "" if math.isnan(self.false_alarms) else f"{self.false_alarms:.3g}",
             frame.light,
@@ -153,8 +152,8 @@ def read_panels(
     tracker = Tracker(receiver.locator, receiver.shape)
     size, last = None, 0
     for batch in batches(recording, frames_at_once, BATCH_PIXELS):
-        if batch[0].grey.shape != size:
-            size = batch[0].grey.shape
+        if (frame_size := batch[0].grey.shape) != size:
+            size = frame_size
             tracker = Tracker(receiver.locator, receiver.shape, number=tracker.number)
         greys = torch.from_numpy(np.stack([frame.grey for frame in batch]))
         images = Frames.whole(greys.to(receiver.device))

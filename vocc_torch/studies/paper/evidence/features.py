@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 from scipy.optimize import linprog
+from scipy.stats import mannwhitneyu
 
 from vocc_torch.arrays import Bools, Floats
 from vocc_torch.receiver.features import FEATURE_NAMES
@@ -37,9 +38,8 @@ def separation(values: Floats, bits: Bools) -> tuple[float, float]:
     off, on = np.sort(values[~bits]), np.sort(values[bits])
     # A threshold takes its level and all higher ones for On. The best is that of an On LED, or above all.
     limits = np.append(on, np.inf)
-    below = np.searchsorted(off, limits)
-    wrong = np.searchsorted(on, limits) + off.size - below
-    pairs = (below[:-1] + np.searchsorted(off, on, "right")).sum() / 2
+    wrong = np.searchsorted(on, limits) + off.size - np.searchsorted(off, limits)
+    pairs = mannwhitneyu(on, off).statistic
     return float(pairs / (on.size * off.size)), int(wrong.min()) / bits.size
 
 

@@ -72,13 +72,13 @@ class Source:
             )
         features = array([part.readings.features for part in parts])
         values = {name: features[..., at] for at, name in enumerate(FEATURE_NAMES)}
-        greys = array([part.readings.greys.average for part in parts])
+        values["average_grey"] = array([part.readings.greys.average for part in parts])
         known = [part.preambles for part in parts if part.preambles is not None]
         return Sample(
             bits,
             array([preamble_threshold(at.on.average, at.off.average) for at in known]),
             features,
-            {"average_grey": greys, **values},
+            values,
             array([part.readings.patches for part in parts])[:, 0],
         )
 
