@@ -1,7 +1,7 @@
 """The report of ``task=figures``: pictures, tables, board and page."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
@@ -40,6 +40,10 @@ class Report:
     evidence: dict[str, Evidence]
     drawn: dict[str, dict[str, plots.Figure]] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Take numbers of figures for evidence of the first reading."""
+        self.numbers = self.evidence[self.plan.readings[0].name].numbers
+
     def add_rates(self, experiment: str, name: str) -> None:
         """Draw a figure of bit error rates under the first reading and under all, and write its points."""
         tables = {
@@ -69,7 +73,19 @@ class Report:
 
     def add_dimming(self, cells: grid.Grid) -> None:
         """Draw and write the grid of ambient light and LED luminance."""
-        self.add_numbers(dimming_numbers(cells))
+        for receiver in cells.receivers:
+            bests = grid.best_luminance(cells, receiver)
+            lowest = [best.candidates_cd_m2[0] for best in bests]
+            highest = [best.candidates_cd_m2[-1] for best in bests]
+            middles = [best.middle_cd_m2 for best in bests]
+            # How far the best luminances of the levels of ambient light are apart.
+            ratios = (
+                max(middles) / min(middles),
+                max(1.0, max(lowest) / min(highest)),
+                max(highest) / min(lowest),
+            )
+            octaves = Estimate(*map(math.log2, ratios))
+            self.numbers[f"{DIMMING}.octaves_{receiver}"] = octaves
         rate_tables.write_grid(self.folder / "figures" / f"{DIMMING}.csv", cells)
         figure = heatmap.dimming_figure(cells, PAPER_RECEIVERS)
         self.drawn[DIMMING] = {f"dimming_{cells.locator}": figure}
@@ -77,17 +93,13 @@ class Report:
     def add(self, name: str, figure: PaperFigure) -> None:
         """Add one of the other figures, and write its numbers."""
         estimates = figure.estimates(name)
-        self.add_numbers(estimates)
+        self.numbers |= estimates
         self.drawn[name] = {name: figure.picture}
         rows = [(key, *astuple(at)) for key, at in estimates.items()]
         head = ("number", "value", "low", "high")
         self.write_rows(f"figures/{name}.csv", [head, *rows])
 
-    def add_numbers(self, estimates: Mapping[str, Estimate]) -> None:
-        """Add numbers to the evidence of the first reading."""
-        self.evidence[self.plan.readings[0].name].numbers.update(estimates)
-
-    def write_rows(self, name: str, rows: Sequence[run_folder.Cells]) -> None:
+    def write_rows(self, name: str, rows: Iterable[run_folder.Cells]) -> None:
         """Write a CSV file below the run's folder."""
         run_folder.write_rows(self.folder / name, rows, short=True)
 
@@ -106,8 +118,8 @@ class Report:
             VoccError: a file cannot be written.
         """
         card = scorecard.score(self.plan.readings, self.evidence)
-        self.write_rows("scorecard.csv", list(card.rows()))
-        self.write_rows("readings.csv", list(card.fit_rows()))
+        self.write_rows("scorecard.csv", card.rows())
+        self.write_rows("readings.csv", card.fit_rows())
         first = next(iter(self.evidence))
         curves = self.evidence[first].experiments.values()
         rate_tables.write_paired(self.folder / "paired.csv", curves)
@@ -141,24 +153,6 @@ class Report:
         html = page.html(text, title, self.folder)
         for name, content in (("report.md", text), ("report.html", html)):
             write_atomically(self.folder / name, content.encode("utf-8", "replace"))
-
-
-def dimming_numbers(cells: grid.Grid) -> dict[str, Estimate]:
-    """How far the best LED luminances of the levels of ambient light are apart, in octaves, by receiver."""
-    numbers = {}
-    for receiver in cells.receivers:
-        bests = grid.best_luminance(cells, receiver)
-        lowest = [best.candidates_cd_m2[0] for best in bests]
-        highest = [best.candidates_cd_m2[-1] for best in bests]
-        middles = [best.middle_cd_m2 for best in bests]
-        ratios = (
-            max(middles) / min(middles),
-            max(1.0, max(lowest) / min(highest)),
-            max(highest) / min(lowest),
-        )
-        octaves = Estimate(*map(math.log2, ratios))
-        numbers[f"{DIMMING}.octaves_{receiver}"] = octaves
-    return numbers
 
 
 def paper_rows(table: curve.BerTable) -> curve.BerTable:
