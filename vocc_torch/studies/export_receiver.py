@@ -84,9 +84,8 @@ def crops(study: plan.Plan, frames: int) -> Iterator[tuple[Tensor, Tensor]]:
         study.world, frames, study.seed, batch=study.batch_frames, point="export"
     )
     for batch in every:
-        seen = batch.frames
-        grey = seen.grey[:, 0].round().clamp(0, 255).to(torch.uint8)
-        corners = batch.corners_px - seen.origin_px[:, None]
+        grey = batch.frames.grey[:, 0].round().clamp(0, 255).byte()
+        corners = batch.corners_px - batch.frames.origin_px[:, None]
         yield grey.cpu().contiguous(), corners.cpu()
 
 

@@ -145,9 +145,7 @@ def scene_plan(settings: Settings) -> tuple[Plan, dict[str, str]]:
 
 
 @contextmanager
-def begin(
-    settings: Settings, folder: Path, plan: Plan, stages: int = 1
-) -> Iterator[Run]:
+def begin(settings: Settings, folder: Path, plan: Plan, stages: int) -> Iterator[Run]:
     """Open a study's store in its folder, and its workers.
 
     Args:

@@ -127,9 +127,8 @@ def count_errors(study: EffectStudy, run: Run) -> Errors:
         if frames:
             cases[place] = Case(study.plan_of(effects, place[1], frames), sources)
 
-    locators: tuple[Locator, ...] = ("paper", "truth")
     single = [pair for pair in study.every_pair if pair.name != TOGETHER]
-    for locator, pair in itertools.product(locators, single):
+    for locator, pair in itertools.product(("paper", "truth"), single):
         frames = study.frames_with(locator, pair.present)
         retrained = [pair.present] * (locator == "truth" and pair.name != "")
         add((pair.name, locator, "with"), pair.present, frames, pair.absent, *retrained)
@@ -284,8 +283,9 @@ def print_effects(rows: Sequence[TableRow]) -> None:
                 cells[reading] = Estimate(*numbers)
             elif (rate := row.get(f"{reading}_ber_with")) is not None:
                 cells[reading] = 1000 * rate
-    note = (
+    print_rows(
+        shown,
+        columns,
         "Added time and changes of the bit error rate with 95 % intervals, on the same frames."
-        " retrained: the receiver is trained with the effect."
+        " retrained: the receiver is trained with the effect.",
     )
-    print_rows(shown, columns, note)

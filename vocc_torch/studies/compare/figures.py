@@ -128,8 +128,9 @@ def effects_figure(study: EffectStudy, rows: Sequence[TableRow]) -> Figure:
     for kind, style in COSTS.items():
         # What cannot be told from nothing is left out, and so is what is the same as near the panel.
         shown = [
-            row[f"{kind}_ms"]
-            if row[f"{kind}_ms"].low > 0 and (kind == "near" or row["fills_sensor"])
+            added
+            if (added := row[f"{kind}_ms"]).low > 0
+            and (kind == "near" or row["fills_sensor"])
             else None
             for row in rows
         ]
@@ -197,7 +198,7 @@ def price_figure(rows: Sequence[TableRow], conditions: str) -> Figure:
         rows: of ``tradeoff.csv``, one for each receiver and locator.
         conditions: what they rest on.
     """
-    quickest = sorted(rows, key=lambda row: float(row["ms"].value))
+    quickest = sorted(rows, key=lambda row: row["ms"].value)
     looks = styles.receiver_styles(row["receiver"] for row in quickest)
     times, rates = [], []
     for row in quickest:

@@ -176,7 +176,7 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     note = "frontier: no receiver is quicker and better; beaten: one is; perhaps: one may be"
     best, conditions = prices.rows(), prices.conditions()
     lines = [note, "", conditions, *left_out_lines(study.left_out)]
-    quickest = sorted(best, key=lambda row: float(row["ms"].value))
+    quickest = sorted(best, key=lambda row: row["ms"].value)
     print_rows(quickest, columns, "\n".join(lines))
     every = [
         rounded(row) for batch in study.config.batch_sizes for row in prices.rows(batch)

@@ -222,10 +222,9 @@ def receiver_of(settings: Settings, plan: "Plan", *, at_truth: bool) -> Receiver
         return receiver_for(plan, at_truth=at_truth)
     panel, plug_ins = vars(settings.panel), settings.plug_ins
     sides = panel["rows"], panel["columns"]
-    receiver, *_ = sized_receiver(
+    return sized_receiver(
         iter(()), settings.model, *sides, plug_ins, device=settings.device
-    )
-    return receiver
+    )[0]
 
 
 def write_receiver(settings: Settings, receiver: Receiver, folder: Path) -> None:

@@ -92,8 +92,7 @@ def spread(source: Source, title: str, names: Sequence[str]) -> PaperFigure:
         else:
             led_plots.status_histogram(axes[at], values, bits, label)
         area, wrong = separation(values, bits)
-        numbers[f"auc_{name}"] = area
-        numbers[f"wrong_share_{name}"] = wrong
+        numbers |= {f"auc_{name}": area, f"wrong_share_{name}": wrong}
         heading = f"{name}\nAUC {area:.4f}, wrong {wrong:.2%}"
         axes[at].set_title(heading, loc="left", fontsize=10)
     axes[0].legend(frameon=False)
