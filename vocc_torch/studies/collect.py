@@ -37,7 +37,13 @@ _REPORT = "report.md"
 
 _NO_RESULT = (
     *run_folder.CHANGE_NO_RESULT,
-    *("task", "name", "input", "model", "decode", "figures", "effects"),
+    "task",
+    "name",
+    "input",
+    "model",
+    "decode",
+    "figures",
+    "effects",
 )
 """Keys, or sections of them, that change no number of a result."""
 _NAMES = ("experiment.name", "scene.name")

@@ -76,7 +76,7 @@ class Mix(NamedTuple):
 
 
 FIXED = (
-    *(Mix(name) for name in ("luma", "max", "red", "green", "blue")),
+    *map(Mix, CHANNELS[:5]),
     # How much more of one colour than of the others: nothing that is white, grey or black has any.
     Mix("red beyond the others", (1.0, -0.5, -0.5)),
     Mix("green beyond the others", (-0.5, 1.0, -0.5)),

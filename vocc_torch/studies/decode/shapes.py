@@ -18,8 +18,18 @@ class ShapeSettings:
     """Limits of the search."""
 
     sides: tuple[tuple[int, int], ...] = (
-        *((4, 4), (4, 8), (8, 4), (8, 8), (8, 16), (16, 8)),
-        *((16, 16), (8, 32), (32, 8), (16, 32), (32, 16), (32, 32)),
+        (4, 4),
+        (4, 8),
+        (8, 4),
+        (8, 8),
+        (8, 16),
+        (16, 8),
+        (16, 16),
+        (8, 32),
+        (32, 8),
+        (16, 32),
+        (32, 16),
+        (32, 32),
     )
     # rows and columns of usual panels: modules of 8 x 8 LEDs, and halves of them
     # Most false alarms a frame of a shape that is sure: of all shapes together some 0.01.

@@ -24,18 +24,20 @@ CORNERS = tuple(f"{axis}_{corner}" for corner in KEYPOINTS for axis in "xy")
 FURTHER = tuple(f"bits_{name}" for name in colour.FURTHER)
 WORDS = ("file", "point", "bits", *FURTHER)
 COLUMNS = (
-    *(
-        "file",
-        "seed",
-        "point",
-        "block",
-        "frame",
-        "width_px",
-        "height_px",
-        "origin_x_px",
-        "origin_y_px",
-    ),
-    *("surround_grey", *CORNERS, "bits", *SCENE_FIELDS, *FURTHER),
+    "file",
+    "seed",
+    "point",
+    "block",
+    "frame",
+    "width_px",
+    "height_px",
+    "origin_x_px",
+    "origin_y_px",
+    "surround_grey",
+    *CORNERS,
+    "bits",
+    *SCENE_FIELDS,
+    *FURTHER,
 )
 """Columns of ``truth.csv``."""
 
@@ -66,9 +68,14 @@ def rows_of(
             name: "".join("01"[bit] for bit in sent[i].flatten().tolist())
             for name, sent in bits.items()
         }
-        block, size = key.block, (width, height)
+        block = key.block
         yield (
-            *(block.seed, block.point, block.block, key.frame, *size),
+            block.seed,
+            block.point,
+            block.block,
+            key.frame,
+            width,
+            height,
             *origins[i],
             surround[i],
             *corners[i],

@@ -132,11 +132,15 @@ class Scorecard(NamedTuple):
         ):
             if found := judged.get(claim):
                 yield (
-                    *(claim.name, claim.where, claim.text, claim.paper),
+                    claim.name,
+                    claim.where,
+                    claim.text,
+                    claim.paper,
                     reading * claim.of_reading,
                     found.measured,
                     *ends_of(found.interval)[1:],
-                    *(found.verdict, found.reason),
+                    found.verdict,
+                    found.reason,
                 )
 
     def fit_rows(self) -> Iterable[Line]:
