@@ -129,7 +129,7 @@ def build_classifier_study(
     plans, scenes = {}, {}
     for name, experiment in comparison.experiments.items():
         key = f"comparison.experiments.{name}"
-        if experiment.row_axis is not None:
+        if experiment.row_axis:
             raise VoccError(
                 f"{key} is a grid over {experiment.row_axis}: it must have one axis"
             )

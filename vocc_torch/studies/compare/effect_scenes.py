@@ -257,9 +257,9 @@ class EffectStudy:
             locator: the locator.
             frames: test frames, at least 1.
         """
-        world = replace(self.plan.world, effects=effects)
-        budget = replace(self.plan.budget, frames=frames)
-        return replace(self.plan.locating_with(locator), world=world, budget=budget)
+        plan = self.plan.locating_with(locator)
+        world = replace(plan.world, effects=effects)
+        return replace(plan, world=world, budget=replace(plan.budget, frames=frames))
 
     def frames_with(self, locator: Locator, effects: Effects) -> int:
         """Count the test frames of a scene that are read with a locator."""

@@ -56,12 +56,12 @@ def load_readings(
     for name in names:
         if name in shipped:
             chosen.append((name, shipped[name]))
-            continue
-        if not name.endswith(".yaml"):
+        elif name.endswith(".yaml"):
+            content = read_file(name, "figures.readings").decode("utf-8", "replace")
+            chosen += parsed(content, name).items()
+        else:
             rule = f"one of {', '.join(shipped)}, or a file that ends in .yaml"
             raise VoccError.of("figures.readings", repr(name), rule)
-        content = read_file(name, "figures.readings").decode("utf-8", "replace")
-        chosen += parsed(content, name).items()
     if not chosen or len(dict(chosen)) < len(chosen):
         rule = "at least one reading, each once"
         raise VoccError.of("figures.readings", list(names), rule)

@@ -77,14 +77,10 @@ class Evidence:
         Raises:
             NotMeasuredError: the experiment, a receiver or a value of its axis is missing.
         """
-        found = self.experiments.get(experiment)
-        if (
-            found is None
-            or not {*receivers} <= {*found.receivers}
-            or not {*values} <= {*found.values}
-        ):
-            raise NotMeasuredError(experiment)
-        return found
+        found = self.experiments.get(experiment, curve.Curves(()))
+        if {*receivers} <= {*found.receivers} and {*values} <= {*found.values}:
+            return found
+        raise NotMeasuredError(experiment)
 
     def number(self, name: str) -> Estimate:
         """Give a number.
@@ -203,15 +199,13 @@ def minimum(
     if at not in candidates:
         reason = f"{rate_text(ber[at])} at {place(curves.axis, at)}, {rate_text(ber[first])} there"
         return Judgement("differ", measured, reason, interval)
-    number = values.index(at)
-    reasons = {
-        "too many to decide": 2 * len(candidates) > len(values),
-        "several values have no errors": sum(not ber[value] for value in candidates)
-        > 1,
-        "the lowest rate is elsewhere": not {*lowest}
-        & {*values[max(0, number - 1) : number + 2]},
-    }
-    reason = next((text for text, holds in reasons.items() if holds), "")
+    number, reason = values.index(at), ""
+    if 2 * len(candidates) > len(values):
+        reason = "too many to decide"
+    elif sum(not ber[value] for value in candidates) > 1:
+        reason = "several values have no errors"
+    elif not {*lowest} & {*values[max(0, number - 1) : number + 2]}:
+        reason = "the lowest rate is elsewhere"
     return Judgement("cannot say" if reason else "agree", measured, reason, interval)
 
 
