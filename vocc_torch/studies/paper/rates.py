@@ -118,9 +118,9 @@ def decades_apart(
     least = math.log10(ours.low / theirs.high) if ours.low > 0 else -math.inf
     most = math.log10(ours.high / theirs.low) if theirs.low > 0 else math.inf
     near, far = max(least, -most, 0.0), max(-least, most)
-    if ours.value == 0:
-        return Estimate(max(0.0, math.log10(ber / ours.high)), near, far)
-    return Estimate(abs(math.log10(ours.value / ber)), near, far)
+    if ours.value:
+        return Estimate(abs(math.log10(ours.value / ber)), near, far)
+    return Estimate(max(0.0, math.log10(ber / ours.high)), near, far)
 
 
 def paper_frames(curves: curve.Curves, value: float | None) -> float:
@@ -152,7 +152,7 @@ def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
     number = max(1, round(frames))
     bits = round(number * like.bits / like.frames)
     half_errors = min(2 * bits, max(1, round(2 * ber * bits)))
-    per_wrong_frame, size = 2.0, 2.0
+    per_wrong_frame = size = 2.0
     if like.half_errors:
         per_wrong_frame = like.half_errors / like.frame_errors
         size = like.half_errors_squared / like.half_errors
