@@ -38,3 +38,23 @@ def read_npy(path: Path, what: str, most_bytes: int = MOST_BYTES) -> NDArray[Any
             why = textwrap.shorten(str(error), 200, placeholder="...")
             rule = "cannot be read as one array .npy"
             raise VoccError(f"{what} {path} {rule} ({why})") from None
+
+
+def read_bits(path: Path, what: str, sides: tuple[int, int]) -> Bools:
+    """Read what a panel showed, (N,R,C) bool, at least one symbol.
+
+    Args:
+        path: the file ``.npy``.
+        what: it is, for refusals.
+        sides: rows and columns of the panel.
+
+    Raises:
+        VoccError: another file, or bits of another panel.
+    """
+    bits = np.array(read_npy(path, what))
+    if bits.dtype != np.bool_ or bits.shape[1:] != sides or not len(bits):
+        rule = f"it must be bool of shape (N,{sides[0]},{sides[1]})"
+        raise VoccError(
+            f"{what} {path} holds {bits.dtype} of shape {bits.shape}: {rule}"
+        )
+    return bits

@@ -9,10 +9,21 @@ import numpy as np
 
 from vocc_torch.arrays import Bytes
 from vocc_torch.errors import VoccError, library, printable
-from vocc_torch.recordings.frames import RecordedFrame, full_range, to_grey
+from vocc_torch.recordings.frames import RecordedFrame, to_grey
 
 FULL_RANGE = 2
 """FFmpeg's number for films whose greys use 0 to 255 (AVCOL_RANGE_JPEG)."""
+STUDIO_BLACK = 16
+"""Grey value of black in most films (ITU-R BT.601)."""
+STUDIO_RANGE = 219
+"""Grey values from black to white in most films (ITU-R BT.601)."""
+STUDIO_TO_FULL = (
+    np.rint((np.arange(256) - STUDIO_BLACK) * 255 / STUDIO_RANGE)
+    .clip(0, 255)
+    .astype(np.uint8)
+    .tobytes()
+)
+"""Full-range grey value of each grey value of a film."""
 FILMS = {
     "format_whitelist": "matroska,webm,mov,mp4,m4a,3gp,3g2,mj2,avi,mpeg,mpegvideo,mpegts,mjpeg,h264,hevc,m4v,"
     "asf,flv,ogg,yuv4mpegpipe,ivf,mxf,image2,png_pipe,jpeg_pipe,gif"
@@ -124,28 +135,22 @@ def frames_of(
     else:
         colour = np.asarray(picture.to_ndarray(format="rgb24"), dtype=np.uint8)
         grey = to_grey(colour, channel)
-    if not picture.interlaced_frame:
-        shown = rotated(colour, turns), rotated(grey, turns)
-        note = (
-            f"turned by {-turns * TURN_DEGREES % 360} degrees as the film's header says"
-            if turns
-            else ""
-        )
-        yield RecordedFrame(
-            source, index, picture.time, *shown, note=note, arrived_s=arrived_s
-        )
-        return
-    for parity in (0, 1):
-        field_grey = rotated(field(grey, parity), turns)
-        field_colour = rotated(field(colour, parity), turns)
-        time_s = field_time_s(picture, parity)
+    note, later_s, shown = "", 0.0, [(colour, grey)]
+    if picture.interlaced_frame:
+        note = INTERLACED
+        # The second field is taken half a frame after the first.
+        later_s = float((picture.duration or 0) * (picture.time_base or 0)) / 2
+        shown = [(field(colour, parity), field(grey, parity)) for parity in (0, 1)]
+    elif turns:
+        degrees = -turns * TURN_DEGREES % 360
+        note = f"turned by {degrees} degrees as the film's header says"
+    for number, planes in enumerate(shown):
         yield RecordedFrame(
             source,
-            index + parity,
-            time_s,
-            field_colour,
-            field_grey,
-            note=INTERLACED,
+            index + number,
+            None if picture.time is None else picture.time + number * later_s,
+            *(rotated(planes[0], turns), rotated(planes[1], turns)),
+            note=note,
             arrived_s=arrived_s,
         )
 
@@ -172,14 +177,6 @@ def field(plane: Bytes, parity: int) -> Bytes:
     return full
 
 
-def field_time_s(picture: Any, parity: int) -> float | None:
-    """When a field was taken: the second field half a frame after the first."""
-    if picture.time is None:
-        return None
-    length_s = float((picture.duration or 0) * (picture.time_base or 0))
-    return float(picture.time) + parity * length_s / 2
-
-
 def rotated(plane: Bytes, turns: int) -> Bytes:
     """Turn a plane counterclockwise by quarter turns."""
     return np.ascontiguousarray(np.rot90(plane, turns)) if turns % 4 else plane
@@ -191,4 +188,6 @@ def grey_plane(picture: Any) -> Bytes:
         return np.asarray(picture.to_ndarray(format="gray"), dtype=np.uint8)
     plane = picture.planes[0]
     lines = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
-    return full_range(lines[: picture.height, : picture.width])
+    greys = lines[: picture.height, : picture.width]
+    converted = greys.tobytes().translate(STUDIO_TO_FULL)
+    return np.frombuffer(converted, np.uint8).reshape(greys.shape)

@@ -8,25 +8,8 @@ from PIL import Image
 
 from vocc_torch.arrays import Bytes, Numbers
 
-STUDIO_BLACK = 16
-"""Grey value of black in most films (ITU-R BT.601)."""
-STUDIO_RANGE = 219
-"""Grey values from black to white in most films (ITU-R BT.601)."""
-STUDIO_TO_FULL = (
-    np.rint((np.arange(256) - STUDIO_BLACK) * 255 / STUDIO_RANGE)
-    .clip(0, 255)
-    .astype(np.uint8)
-    .tobytes()
-)
-"""Full-range grey value of each grey value of a film."""
 WHITE_LEVELS = (1, 255, 1023, 4095, 16383, 65535)
 """Grey value of white in pictures of floats and of 8, 10, 12, 14 and 16 bits."""
-
-
-def full_range(plane: Bytes) -> Bytes:
-    """Convert the greys (H,W) of a film, 16 to 235, to 0 to 255."""
-    converted = plane.tobytes().translate(STUDIO_TO_FULL)
-    return np.frombuffer(converted, np.uint8).reshape(plane.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,25 +70,21 @@ def to_bytes(values: Numbers) -> tuple[Bytes, str]:
     """
     if values.dtype == np.uint8:
         return values, ""
-    if values.dtype == np.bool_:
-        return values.astype(np.uint8) * 255, ""
-    if values.dtype.kind not in "iuf":
+    if values.dtype.kind not in "biuf":
         raise ValueError(f"it holds {values.dtype}: it must hold integers or floats")
     # In Python's numbers, for 65535 is none of float16.
     lowest = values.min(initial=0).item()
     highest = values.max(initial=0).item()
     if not (lowest >= 0 and highest <= WHITE_LEVELS[-1]):
-        limits = f"from 0 to {WHITE_LEVELS[-1]}"
         raise ValueError(
-            f"it holds {values.dtype} from {lowest} to {highest}: it must hold values {limits}"
+            f"it holds {values.dtype} from {lowest} to {highest}: "
+            f"it must hold values from 0 to {WHITE_LEVELS[-1]}"
         )
-    levels = WHITE_LEVELS if values.dtype.kind == "f" else WHITE_LEVELS[2:]
+    levels = WHITE_LEVELS if values.dtype.kind in "bf" else WHITE_LEVELS[2:]
     white = next(level for level in levels if highest <= level)
-    note = (
-        "" if white in (1, WHITE_LEVELS[-1]) else f"read as {white.bit_length()} bits"
-    )
-    scaled: Bytes = np.rint(values * (255.0 / white)).astype(np.uint8)
-    return scaled, f"grey values up to {highest:g} are {note}" if note else ""
+    note = f"grey values up to {highest:g} are read as {white.bit_length()} bits"
+    scaled = np.rint(values * (255.0 / white)).astype(np.uint8)
+    return scaled, "" if white in (1, WHITE_LEVELS[-1]) else note
 
 
 def turned(

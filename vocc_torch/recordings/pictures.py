@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
@@ -40,62 +40,47 @@ def natural_key(path: Path) -> list[tuple[int, str]]:
     ]
 
 
+def folder_files(folder: Path) -> list[Path]:
+    """List the files of a folder in natural order of their names, without those that macOS adds."""
+    files = (
+        path
+        for path in folder.iterdir()
+        if path.is_file() and not path.name.startswith(APPLE_DOUBLE)
+    )
+    return sorted(files, key=natural_key)
+
+
 def read_folder(folder: Path, channel: str) -> Iterator[RecordedFrame]:
     """Read the pictures of a folder in natural order of their names.
 
     Raises:
         VoccError: a folder without pictures, at once; at the end, files that cannot be read.
     """
-    files = sorted(
-        (
-            path
-            for path in folder.iterdir()
-            if path.is_file() and not path.name.startswith(APPLE_DOUBLE)
-        ),
-        key=natural_key,
-    )
+    files = folder_files(folder)
     pictures = [path for path in files if path.suffix.lower() in PICTURE_SUFFIXES]
     if not pictures:
         endings = " ".join(PICTURE_SUFFIXES)
         raise VoccError(f"input {folder} holds no picture: known endings are {endings}")
     known = (*PICTURE_SUFFIXES, *SIDECAR_SUFFIXES)
-    others = [
-        p.name
-        for p in files
-        if p.suffix.lower() not in known and not p.name.startswith(".")
-    ]
-    return read_pictures(pictures, channel, others)
 
+    def frames() -> Iterator[RecordedFrame]:
+        failures = []
+        for path in pictures:
+            try:
+                yield from read_picture(path, channel)
+            except VoccError as error:
+                failures.append(str(error))
+        failures += [
+            f"input {printable(path.name)} is not a known kind of picture"
+            for path in files
+            if path.suffix.lower() not in known and not path.name.startswith(".")
+        ]
+        if failures:
+            further = len(failures) - MOST_FAILURES
+            named = "; ".join(failures[:MOST_FAILURES])
+            raise VoccError(named + f"; and {further} more" * (further > 0))
 
-def read_pictures(
-    paths: Sequence[Path], channel: str, others: Sequence[str] = ()
-) -> Iterator[RecordedFrame]:
-    """Read pictures one after the other.
-
-    Args:
-        paths: of the pictures.
-        channel: how colour becomes grey.
-        others: names of files beside them that are no pictures.
-
-    Raises:
-        VoccError: at the end, which files are not read.
-    """
-    failures = []
-    for path in paths:
-        try:
-            yield from read_picture(path, channel)
-        except VoccError as error:
-            failures.append(str(error))
-    failures += [
-        f"input {printable(name)} is not a known kind of picture" for name in others
-    ]
-    if failures:
-        further = (
-            f"; and {len(failures) - MOST_FAILURES} more"
-            if len(failures) > MOST_FAILURES
-            else ""
-        )
-        raise VoccError("; ".join(failures[:MOST_FAILURES]) + further)
+    return frames()
 
 
 def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
@@ -104,9 +89,14 @@ def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
     Transparency is ignored. Of a JPEG with previews only the first picture is read.
 
     Raises:
-        VoccError: a file that is no picture or is damaged, or grey values outside 0 to 65535.
+        VoccError: a file that is no picture or is damaged, grey values outside 0 to 65535, or the library of
+            HEIC pictures is not installed.
     """
-    formats = (*PICTURE_FORMATS, *heif_formats(path))
+    formats = [*PICTURE_FORMATS]
+    if path.suffix.lower() in HEIF_SUFFIXES:
+        heif = library("pillow_heif", "heif", f"input {path} is a HEIC picture")
+        heif.register_heif_opener()
+        formats.append("HEIF")
     with ExitStack() as stack:
         image = None
         for index in count():
@@ -129,7 +119,13 @@ def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
             ) as error:  # Pillow's readers raise many kinds for damaged files
                 if image and index and isinstance(error, EOFError):
                     return
-                raise refusal(path, error, index) from None
+                reason = " ".join(str(error).split()) or type(error).__name__
+                if isinstance(error, UnidentifiedImageError):
+                    reason = "not a known picture format"
+                kind = "a picture" + f" after {index} frames" * (index > 0)
+                raise VoccError(
+                    f"input {path} cannot be read as {kind} ({reason})"
+                ) from None
             grey = to_grey(colour, channel)
             yield RecordedFrame(
                 printable(path.name), index, None, colour, grey, note=note
@@ -138,35 +134,13 @@ def read_picture(path: Path, channel: str) -> Iterator[RecordedFrame]:
                 return
 
 
-def heif_formats(path: Path) -> tuple[str, ...]:
-    """Let Pillow read HEIC and HEIF where a file has that ending; give Pillow's names of the formats.
-
-    Raises:
-        VoccError: the library is not installed.
-    """
-    if path.suffix.lower() not in HEIF_SUFFIXES:
-        return ()
-    heif = library("pillow_heif", "heif", f"input {path} is a HEIC picture")
-    heif.register_heif_opener()
-    return ("HEIF",)
-
-
-def refusal(path: Path, error: Exception, frames: int) -> VoccError:
-    """Say in one line why a picture cannot be read."""
-    reason = " ".join(str(error).split()) or type(error).__name__
-    if isinstance(error, UnidentifiedImageError):
-        reason = "not a known picture format"
-    kind = f"a picture after {frames} frames" if frames else "a picture"
-    return VoccError(f"input {path} cannot be read as {kind} ({reason})")
-
-
 def to_colour(image: Image.Image) -> tuple[Bytes, str]:
     """Take the picture that an opened file shows now, (H,W,3) uint8, and a note on its bit depth.
 
     Raises:
         ValueError: grey values that are not from 0 to 65535.
     """
-    shown: Image.Image = ImageOps.exif_transpose(image)
+    shown = ImageOps.exif_transpose(image)
     note = ""
     if image.mode[0] in "IF":
         greys, note = to_bytes(np.asarray(shown))
@@ -196,11 +170,6 @@ def deep_colour(path: Path, image: Image.Image, coarse: Bytes) -> tuple[Bytes, s
         ExifTags.Base.Orientation, 1
     )
     return to_colour(shown)[0], note
-
-
-def grey_as_colour(grey: Bytes) -> Bytes:
-    """View greys (H,W) as colour (H,W,3) without a copy."""
-    return np.broadcast_to(grey[..., None], (*grey.shape, 3))
 
 
 def read_array(
@@ -238,7 +207,7 @@ def read_array(
         colour = (
             np.ascontiguousarray(picture[..., :3])
             if is_colour
-            else grey_as_colour(picture)
+            else np.broadcast_to(picture[..., None], (*picture.shape, 3))
         )
         grey = to_grey(colour, channel) if is_colour else np.array(picture)
         yield RecordedFrame(printable(name), index, None, colour, grey, note=note)

@@ -15,7 +15,7 @@ from vocc_torch.files import MOST_BYTES, PICTURE_SUFFIXES, VIDEO_SUFFIXES
 from vocc_torch.recordings.films import promised_frames, read_film
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.pictures import (
-    APPLE_DOUBLE,
+    folder_files,
     read_array,
     read_folder,
     read_picture,
@@ -70,9 +70,7 @@ def expected_frames(path: Path) -> int:
     """Number of frames that a recording most likely has: those of a film, or the pictures of a folder."""
     if path.is_dir():
         return sum(
-            part.suffix.lower() in PICTURE_SUFFIXES
-            and not part.name.startswith(APPLE_DOUBLE)
-            for part in path.iterdir()
+            part.suffix.lower() in PICTURE_SUFFIXES for part in folder_files(path)
         )
     return promised_frames(path) if path.suffix.lower() in VIDEO_SUFFIXES else 1
 
@@ -93,8 +91,7 @@ def read_source(source: object, channel: str) -> Iterator[RecordedFrame]:
     if isinstance(source, str | Path):
         return read_recording(Path(source), channel)
     if isinstance(source, Image.Image):
-        colour, _ = to_colour(source)
-        return read_array(colour, channel)
+        return read_array(to_colour(source)[0], channel)
     allowed = "a path, a picture, an array (H,W), (H,W,3), (B,H,W) or (B,H,W,3), or a live source"
     if not hasattr(source, "__array__"):
         raise VoccError.of("the input", shown(source), allowed)

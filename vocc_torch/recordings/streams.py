@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 from vocc_torch.errors import VoccError
@@ -55,27 +56,27 @@ def opened(source: str) -> Any:
         VoccError: PyAV is missing, or the source cannot be opened.
     """
     av, begun = av_library(source), time.monotonic()
-    try:
-        if source == STANDARD_INPUT:
-            return av.open(PipeReader(), options=dict(SHORT_PROBE))
-        if source.startswith(CAMERA):
-            driver, device = CAMERA_DRIVERS.get(sys.platform, CAMERA_DRIVERS["linux"])
-            name = device.format(source.removeprefix(CAMERA))
-            return av.open(name, format=driver, options=dict(SHORT_PROBE))
-        options = dict(SHORT_PROBE)
+    file: str | PipeReader = source
+    driver, timeout_s, options = None, None, dict(SHORT_PROBE)
+    if source == STANDARD_INPUT:
+        file = PipeReader()
+    elif source.startswith(CAMERA):
+        driver, device = CAMERA_DRIVERS.get(sys.platform, CAMERA_DRIVERS["linux"])
+        file = device.format(source.removeprefix(CAMERA))
+    else:
+        timeout_s = CONNECT_TIMEOUT_S
         if source.startswith("rtsp"):
             options["rtsp_transport"] = "tcp"
-        return av.open(source, options=options, timeout=CONNECT_TIMEOUT_S)
+    try:
+        return av.open(file, format=driver, options=options, timeout=timeout_s)
     except (av.error.FFmpegError, OSError, ValueError) as error:
         reason = UNHELPFUL.sub("", " ".join(str(error).split()))
-        if (
-            source.startswith(ADDRESSES)
-            and time.monotonic() - begun > CONNECT_TIMEOUT_S
-        ):
-            reason = f"no answer in {CONNECT_TIMEOUT_S:g} s"
+        if timeout_s and time.monotonic() - begun > timeout_s:
+            reason = f"no answer in {timeout_s:g} s"
         raise VoccError(f"input {source} cannot be opened ({reason})") from None
 
 
+@dataclass(eq=False)
 class LiveStream:
     """Frames of a live source, read by a thread of their own; at most one waits for the receiver.
 
@@ -92,21 +93,18 @@ class LiveStream:
         VoccError: a source that cannot be opened.
     """
 
-    def __init__(
-        self,
-        source: str,
-        channel: str,
-        *,
-        grey_only: bool = False,
-        newest: bool | None = None,
-    ) -> None:
-        self.source = source
-        self.channel = channel
-        self.grey_only = grey_only
-        self.newest = source != STANDARD_INPUT if newest is None else newest
+    source: str
+    channel: str
+    grey_only: bool = False
+    newest: bool | None = None
+
+    def __post_init__(self) -> None:
+        """Open the source, and begin to read."""
+        if self.newest is None:
+            self.newest = self.source != STANDARD_INPUT
         self.dropped = 0
         self.is_closed = False
-        self.container = opened(source)
+        self.container = opened(self.source)
         self.queue: queue.Queue[RecordedFrame | str | None] = queue.Queue(1)
         threading.Thread(target=self.fill, daemon=True).start()
 
@@ -114,7 +112,7 @@ class LiveStream:
         """Read until the source ends, in the thread."""
         av = av_library(self.source)
         name = "stdin" if self.source == STANDARD_INPUT else self.source
-        end: str | None = None
+        end = None
         index = 0
         try:
             for picture in self.container.decode(video=0):

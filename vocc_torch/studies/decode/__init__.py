@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from vocc_torch.errors import VoccError, demand_word, whole_number
+from vocc_torch.recordings import CHANNELS as GREY_CHANNELS
 
-CHANNELS = ("luma", "max", "red", "green", "blue", "auto", "unmix")
+CHANNELS = (*GREY_CHANNELS, "auto", "unmix")
 FOLLOWS = ("true", "false", "auto")
 TURNS = (0, 90, 180, 270)
 MOST_SCALE = 16

@@ -13,6 +13,7 @@ from vocc_torch.receiver.features import cell_means
 from vocc_torch.receiver.levels import GAMMA, LIGHT_OF_GREY
 from vocc_torch.receiver.receiver import Decoded, Receiver
 from vocc_torch.receiver.resample import cell_size_px, rectify
+from vocc_torch.recordings import CHANNELS as GREY_CHANNELS
 from vocc_torch.recordings.frames import to_grey
 from vocc_torch.studies.decode import CHANNELS
 from vocc_torch.studies.decode.judge import LIMITS, is_doubtful, parted
@@ -76,7 +77,7 @@ class Mix(NamedTuple):
 
 
 FIXED = (
-    *map(Mix, CHANNELS[:5]),
+    *map(Mix, GREY_CHANNELS),
     # How much more of one colour than of the others: nothing that is white, grey or black has any.
     Mix("red beyond the others", (1.0, -0.5, -0.5)),
     Mix("green beyond the others", (-0.5, 1.0, -0.5)),
