@@ -47,7 +47,7 @@ def led_centres_px(corners_px: Floats, bits: Bools) -> Floats:
     """
     v, u = (np.argwhere(np.ones_like(bits)).T + 0.5) / np.array(bits.shape)[:, None]
     weights = np.stack([(1 - v) * (1 - u), (1 - v) * u, v * u, v * (1 - u)], axis=1)
-    centres: Floats = weights @ corners_px
+    centres = weights @ corners_px
     return centres
 
 

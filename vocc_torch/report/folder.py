@@ -39,6 +39,9 @@ MANIFEST = "manifest.json"
 CHANGE_NO_RESULT = ("device", "workers", "executor", "tensorboard", "batch_frames")
 """Settings and sections that do not change results."""
 
+BOARD = "          http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0"
+"""The link that opens a board that is served, with smoothing off, below the command that serves it."""
+
 SAMPLES = "samples.png"
 """Pictures of the scenes, written before counting starts."""
 
@@ -108,8 +111,8 @@ def print_places(
     """Print the paths of results, and how the TensorBoard log is opened."""
     lines = [f"{kind:<9} {printable(str(folder / name))}" for kind, name in places]
     if board:
-        command, address = board_hint(folder / "tensorboard").splitlines()
-        lines += [f"{'dashboard':<9} {printable(command)}", f"{'':<9} {address}"]
+        served = shlex.quote(str(folder / "tensorboard"))
+        lines += [f"dashboard {printable(f'tensorboard --logdir {served}')}", BOARD]
     say(console, *lines)
 
 
@@ -117,21 +120,6 @@ def say(console: Console, *lines: str) -> None:
     """Print lines as they are, however long."""
     for line in lines:
         console.print(line, soft_wrap=True, markup=False, highlight=False)
-
-
-def board_hint(folder: str | Path) -> str:
-    """Give the command that serves the board and the link that opens it with smoothing off.
-
-    Args:
-        folder: the folder given to ``write_boards``.
-
-    Example:
-        >>> print(board_hint("runs/ambient/board"))
-        tensorboard --logdir runs/ambient/board
-        http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0
-    """
-    link = "http://127.0.0.1:6006/?smoothing=0#custom_scalars&_smoothingWeight=0"
-    return f"tensorboard --logdir {shlex.quote(str(folder))}\n{link}"
 
 
 def write_rows(path: str | Path, rows: Iterable[Cells], *, short: bool = False) -> None:

@@ -1,6 +1,6 @@
 """Heat maps of bit error rates, and the best LED luminance for each ambient light."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,18 +44,6 @@ class Matrix:
     text_at: float = 0.5
 
 
-def rate_norm(rates: Iterable[float]) -> colors.LogNorm:
-    """Give the scale of colours for rates, over a decade or more; those of 0 have no colour.
-
-    Example:
-        >>> norm = rate_norm([0.0, 2e-4, 3e-4])
-        >>> round(norm.vmin, 10), norm.vmax
-        (3e-05, 0.0003)
-    """
-    positive = [float(rate) for rate in rates if rate] or [1e-5]
-    return colors.LogNorm(min(*positive, max(positive) / 10), max(positive))
-
-
 def matrix_figure(
     maps: Sequence[Matrix], title: str, footnote: str = "", columns: int = 3
 ) -> tuple[Figure, list[Axes]]:
@@ -82,7 +70,10 @@ def matrix_figure(
     figure, axes = plots.sheet(
         len(maps), title, footnote, columns, size_in=size_in, width_ratios=cells
     )
-    norm = rate_norm(rate for matrix in maps for rate in matrix.rates.ravel())
+    rates = np.concatenate([matrix.rates.ravel() for matrix in maps])
+    positive = rates[rates != 0].tolist() or [1e-5]
+    # Over a decade or more; rates of 0 have no colour.
+    norm = colors.LogNorm(min(*positive, max(positive) / 10), max(positive))
     for place, matrix in enumerate(maps):
         draw_matrix(axes[place], matrix, norm)
         if place % columns and list(matrix.rows) == list(maps[place - 1].rows):
@@ -153,15 +144,16 @@ def dimming_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
                 rates, texts, rows, columns, looks[name].label, *labels, text_at=0.24
             )
         )
-    figure, axes = matrix_figure(
-        maps,
-        "Bit error rate over ambient light and LED luminance",
-        (
-            f"{_frames_text(grid)} \N{MIDDLE DOT} line: best luminance, bars: not distinguishable from it (95 %)"
-            f" \N{MIDDLE DOT} pale: no errors, limit"
-        ),
-        2,
+    # Every receiver has the same frames.
+    cells = [cell.frames for row in grid.counts(grid.receivers[0]) for cell in row]
+    notes = (
+        f"{styles.range_text(cells)} frames a cell",
+        f"locator: {grid.locator}",
+        "line: best luminance, bars: not distinguishable from it (95 %)",
+        "pale: no errors, limit",
     )
+    title = "Bit error rate over ambient light and LED luminance"
+    figure, axes = matrix_figure(maps, title, " \N{MIDDLE DOT} ".join(notes), 2)
     for map_axes, name in zip(axes, names, strict=True):
         draw_best(map_axes, best_luminance(grid, name), grid.columns)
     return figure
@@ -188,9 +180,3 @@ def draw_best(axes: Axes, bests: Sequence[Best], rows: Sequence[float]) -> None:
         path_effects=edge,
     )
     drawn.lines[2][0].set_path_effects(edge)
-
-
-def _frames_text(grid: Grid) -> str:
-    """Say how many frames a cell rests on, and whose corners; every receiver has the same frames."""
-    cells = [cell.frames for row in grid.counts(grid.receivers[0]) for cell in row]
-    return f"{styles.range_text(cells)} frames a cell \N{MIDDLE DOT} locator: {grid.locator}"

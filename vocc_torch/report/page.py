@@ -4,6 +4,7 @@ import base64
 import re
 import textwrap
 from functools import lru_cache
+from html import escape
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -84,7 +85,7 @@ def md(value: object) -> Markup:
     """
     text = _MARKS.sub(r"\\\1", _NOT_WORDS.sub(" ", str(value)))
     text = _LINE_START.sub(r"\1\\", text)
-    return Markup(text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;"))
+    return Markup(escape(text, quote=False))
 
 
 def code(value: object) -> Markup:
@@ -140,7 +141,7 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
     """
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = reader.parse(markdown)
-    starts: list[Token] = []
+    starts = []
     for token in tokens:
         if token.nesting > 0:
             starts.append(token)

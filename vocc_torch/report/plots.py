@@ -2,8 +2,7 @@
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from operator import attrgetter
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -65,7 +64,6 @@ class Curve:
         rates: one a value; a rate of 0 is drawn as an arrow down from its upper limit.
         spread: after several trainings, mean and interval of the algorithm; None at a value without.
         stars: quoted points (x, y), drawn as stars in the curve's colour.
-        bars: whether intervals and limits are drawn; a line without them breaks at a rate of 0.
     """
 
     style: Style
@@ -73,7 +71,6 @@ class Curve:
     rates: Sequence[Estimate]
     spread: Sequence[Estimate | None] = ()
     stars: Sequence[tuple[float, float]] = ()
-    bars: bool = True
 
 
 @dataclass(frozen=True)
@@ -210,10 +207,8 @@ def sheet(
         handlelength=2.6,
     )
     if footnote:
-        below = figure.supxlabel(
-            footnote, x=0.012, ha="left", fontsize=9, color=LOOK.quiet
-        )
-        below.set(wrap=True, linespacing=1.4)
+        look = {"fontsize": 9, "color": LOOK.quiet, "wrap": True, "linespacing": 1.4}
+        figure.supxlabel(footnote, x=0.012, ha="left", **look)
     for axes in every[:count]:
         quiet(axes)
     return figure, every[:count]
@@ -257,14 +252,20 @@ def draw_panel(axes: Axes, panel: Panel, labels: Sequence[str]) -> None:
     head(axes, panel.title)
     if not panel.curves:
         axes.set_axis_off()
-        reason = axes.text(
-            0.5, 0.5, textwrap.fill(panel.reason, 40), transform=axes.transAxes
+        axes.text(
+            0.5,
+            0.5,
+            textwrap.fill(panel.reason, 40),
+            transform=axes.transAxes,
+            ha="center",
+            va="center",
+            color=LOOK.quiet,
+            fontsize=9,
         )
-        reason.set(ha="center", va="center", color=LOOK.quiet, fontsize=9)
         return
     quiet(axes, "both")
-    axes.set(xlabel=panel.x_label, ylabel=panel.y_label)
-    axes.set(xscale=panel.scale, yscale=panel.y_scale)
+    words = {"xlabel": panel.x_label, "ylabel": panel.y_label}
+    axes.set(xscale=panel.scale, yscale=panel.y_scale, **words)
     axes.margins(x=0.06)
     for curve in panel.curves:
         place = labels.index(curve.style.label) - (len(labels) - 1) / 2
@@ -283,8 +284,7 @@ def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
         curve: the rates.
         shift_pt: how far right of its values the curve is drawn, points.
     """
-    rates = [(estimate.value, estimate.low, estimate.high) for estimate in curve.rates]
-    rate, low, high = np.array(rates).reshape(-1, 3).T
+    rate, low, high = np.array([*map(astuple, curve.rates)]).reshape(-1, 3).T
     x, style = np.array(curve.x), curve.style
     # A logarithmic axis has no place for 0.
     free = (rate == 0) & (axes.get_yscale() == "log")
@@ -299,9 +299,6 @@ def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
         "markersize": 7,
         "transform": shift,
     }
-    if not curve.bars:
-        axes.plot(x, value, linestyle=style.line, label=style.label, **look)
-        return
     # Rounding may put an end a last digit on the wrong side.
     reach = np.maximum([value - low, high - value], 0)
     drawn = axes.errorbar(
@@ -309,7 +306,7 @@ def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
     )
     drawn.lines[0].set(label=style.label, **EDGE)
     if free.any():
-        arrows = axes.errorbar(
+        axes.errorbar(
             x[free],
             high[free],
             0.45 * high[free],
@@ -319,18 +316,14 @@ def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
             elinewidth=1.3,
             **look,
         )
-        arrows.lines[0].set_label("_limit")
     for at, over in zip(x, curve.spread, strict=False):
         if over is not None:
             ends = [[over.value - over.low], [over.high - over.value]]
             look |= {"marker": "_", "markersize": 9, "elinewidth": 7}
             pale = axes.errorbar([at], [over.value], ends, **look)
             pale.lines[2][0].set_alpha(0.25)
-            pale.lines[0].set_label("_mean")
     if curve.stars:
-        axes.plot(
-            *zip(*curve.stars, strict=True), **star(style.colour), label="_quoted"
-        )
+        axes.plot(*zip(*curve.stars, strict=True), **star(style.colour))
 
 
 EDGE: dict[str, Any] = {
@@ -377,7 +370,7 @@ def rate_limits(curves: Iterable[Curve]) -> tuple[float, float] | None:
     for curve in curves:
         rates = [*curve.rates, *filter(None, curve.spread)]
         rates += [Estimate(y, y, y) for _, y in curve.stars]
-        for rate in rates if curve.bars else filter(attrgetter("value"), rates):
+        for rate in rates:
             # An arrow reaches down to half of its limit.
             lows.append(max(rate.low, rate.value / 10) / 1.3 or rate.high / 5)
             highs.append(rate.high)
@@ -451,13 +444,14 @@ def draw_rows(axes: Axes, panel: Rows) -> None:
         panel: the intervals.
     """
     quiet(axes, "x")
-    linear = {"linthresh": LOOK.linear} if panel.scale == "symlog" else {}
-    axes.set_xscale(panel.scale, **linear)
+    if panel.scale == "symlog":
+        axes.set_xscale("symlog", linthresh=LOOK.linear)
+        axes.axvline(0, color=LOOK.quiet, linewidth=1.0, zorder=1)
+    else:
+        axes.set_xscale(panel.scale)
     head(axes, panel.title)
     axes.set_xlabel(panel.x_label)
     axes.tick_params(axis="y", length=0)
-    if panel.scale == "symlog":
-        axes.axvline(0, color=LOOK.quiet, linewidth=1.0, zorder=1)
     for number, (style, estimates) in enumerate(panel.series):
         shift = 0.5 * ((number + 0.5) / len(panel.series) - 0.5)
         for row, estimate in enumerate(estimates):

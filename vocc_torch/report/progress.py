@@ -5,28 +5,10 @@ from typing import Self, TypeVar
 
 from rich import progress
 from rich.console import Console
-from rich.text import Text
 
 from vocc_torch.report.folder import say
 
 T = TypeVar("T")
-
-
-class _Speed(progress.ProgressColumn):
-    """Units a second over the last while.
-
-    Args:
-        unit: name of a unit; empty for no speed.
-    """
-
-    def __init__(self, unit: str) -> None:
-        self._unit = unit
-        super().__init__()
-
-    def render(self, task: progress.Task) -> Text:
-        speed = task.finished_speed or task.speed
-        text = "" if speed is None or not self._unit else f"{speed:,.0f} {self._unit}/s"
-        return Text(text, style="progress.data.speed")
 
 
 class ProgressView:
@@ -54,12 +36,13 @@ class ProgressView:
     ) -> None:
         """Prepare the view; nothing is drawn before the context is entered."""
         self.console = console or Console()
+        self._unit = unit
         drawn = self.console.is_terminal and not self.console.is_dumb_terminal
         self._bar = progress.Progress(
             "{task.description}",
             progress.BarColumn(None),
             "{task.percentage:>3.0f} %",
-            _Speed(unit),
+            "[progress.data.speed]{task.fields[speed]}",
             progress.TimeRemainingColumn(),
             "left",
             console=self.console,
@@ -68,7 +51,7 @@ class ProgressView:
             transient=True,
             expand=True,
         )
-        self._bar.add_task(doing, total=frames)
+        self._bar.add_task(doing, total=frames, speed="")
         (self._task,) = self._bar.tasks
 
     def __enter__(self) -> Self:
@@ -87,7 +70,9 @@ class ProgressView:
 
     def advance(self, doing: str, frames: float) -> None:
         """Add finished frames, and name the current stage."""
-        self._bar.update(self._task.id, advance=frames, description=doing)
+        speed, unit = self._task.speed or 0.0, self._unit
+        text = f"{speed:,.0f} {unit}/s" if speed and unit else ""
+        self._bar.update(self._task.id, advance=frames, description=doing, speed=text)
 
     def counted(self, items: Iterable[T], doing: str) -> Iterator[T]:
         """Pass items on, each counted when the next one is asked for."""

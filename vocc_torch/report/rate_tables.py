@@ -19,17 +19,6 @@ MOST_TABLE_BYTES = 1 << 26
 """Most bytes of a table that is read: a sweep's has a hundred thousand."""
 
 
-def cells(row: curve.Row) -> list[str]:
-    """Write a point's cells, in the order of the columns of ``ber.csv``.
-
-    Example:
-        >>> row = curve.Row("s", "contrast", 0.1, "flda_3", "truth", 1, 64, 0.0, 0.0, 0.0, 1.0, 0, 0, "x")
-        >>> cells(row)[2:8]
-        ['0.1', 'flda_3', 'truth', '1', '64', '0']
-    """
-    return [cell_text(getattr(row, name)) for name in curve.COLUMNS]
-
-
 def ber_rows(table: curve.BerTable) -> list[Sequence[str]]:
     """Give the lines of ``ber.csv`` with their head: by receiver as they came, by ascending value.
 
@@ -37,10 +26,8 @@ def ber_rows(table: curve.BerTable) -> list[Sequence[str]]:
         >>> len(ber_rows(curve.BerTable()))
         1
     """
-    return [
-        curve.COLUMNS,
-        *(cells(row) for receiver in table.receivers for row in table.of(receiver)),
-    ]
+    rows = (row for receiver in table.receivers for row in table.of(receiver))
+    return [curve.COLUMNS, *([*map(cell_text, astuple(row))] for row in rows)]
 
 
 def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
@@ -72,15 +59,12 @@ def read_tables(path: str | Path) -> dict[tuple[str, str], curve.BerTable]:
                 io.TextIOWrapper(file, encoding="utf-8", newline="")
             )
             names = list(reader.fieldnames or ())
-            columns = [
-                attribute.name
-                for attribute in fields(curve.Row)
-                if attribute.default is MISSING or attribute.name in names
-            ]
-            if missing := [name for name in columns if name not in names]:
-                raise VoccError(
-                    f"{path} has no column {missing[0]}: it needs {', '.join(curve.COLUMNS)}"
-                )
+            for column in fields(curve.Row):
+                if column.default is MISSING and column.name not in names:
+                    raise VoccError(
+                        f"{path} has no column {column.name}: it needs {', '.join(curve.COLUMNS)}"
+                    )
+            columns = [name for name in curve.COLUMNS if name in names]
             grid = "" if names[0] == curve.COLUMNS[0] else names[0]
             for line in reader:
                 parsed: dict[str, Any] = {}
@@ -150,13 +134,13 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
         ...     (Path(folder) / "paired.csv").read_text().split(",")[4:6]
         ['a', 'b']
     """
-    lines: list[Cells] = [PAIRED_COLUMNS]
+    lines = [PAIRED_COLUMNS]
     for curves in all_curves:
         for value in curves.pairs:
             for a, b in combinations(curves.receivers, 2):
                 if (paired := curves.pair(a, b, value)).frames:
                     found = paired_interval(paired)
-                    line: Cells = [
+                    line = [
                         curves.experiment,
                         curves.axis,
                         value,
@@ -170,7 +154,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                         paired.b_worse,
                         sign_test(paired),
                     ]
-                    trained: Cells = (1, None, None, None, None)
+                    trained = (1, None, None, None, None)
                     if (count := len(curves.trainings(a, value).counts)) > 1:
                         of = curves.difference(a, b, value)
                         trained = (count, *astuple(of), int(of.real))

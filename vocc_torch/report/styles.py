@@ -34,18 +34,6 @@ LOOKS: Any = yaml.safe_load(
 _KNOWN = {name: Style(*look) for name, look in LOOKS["receivers"].items()}
 
 
-class Words(dict[str, str]):
-    """Words by a part's name; a part from outside, which has none, keeps its name."""
-
-    def __missing__(self, name: str) -> str:
-        """Give the name as words."""
-        return name.replace("_", " ")
-
-
-LOCATED = Words(LOOKS["located"])
-"""Where the panel's corners come from, in words."""
-
-
 def receiver_styles(receivers: Iterable[str]) -> dict[str, Style]:
     """Give each receiver its style, in the order given.
 
@@ -81,7 +69,7 @@ def axis_label(axis: str) -> str:
     return str(LOOKS["axes"].get(axis, axis))
 
 
-def scale_of(values: Sequence[float], axis: str = "") -> Literal["log", "linear"]:
+def scale_of(values: Sequence[float], axis: str = "") -> str:
     """Give the scale of an axis: logarithmic for values above 0 over more than a decade.
 
     Args:

@@ -164,8 +164,10 @@ def write_boards(
     ]
     names = (name for part in parts for name in part.table.receivers)
     # The sort is stable: those without a place keep their order.
-    receivers = list(dict.fromkeys(names))
-    receivers.sort(key=lambda name: [*styles.LOOKS["written_first"], name].index(name))
+    first = styles.LOOKS["written_first"]
+    receivers = sorted(
+        dict.fromkeys(names), key=lambda name: [*first, name].index(name)
+    )
     try:
         with quiet_threads():
             for receiver in receivers:

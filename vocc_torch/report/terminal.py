@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 from rich import box
@@ -46,16 +47,6 @@ TableRow: TypeAlias = dict[str, Any]
 
 BLANK = Estimate(math.nan, math.nan, math.nan)
 """An estimate that cannot be stated, whose cells are empty."""
-
-
-def receiver_heading(name: str) -> str:
-    """Break a receiver's name over lines, after each word of a long one, to head a narrow column.
-
-    Example:
-        >>> receiver_heading("flda_2"), receiver_heading("center_greyscale").split()
-        ('flda_2', ['center_', 'greyscale'])
-    """
-    return name if len(name) < 9 else name.replace("_", "_\n")
 
 
 def row_table(
@@ -107,21 +98,10 @@ def cell_text(row: TableRow, name: str) -> str:
         if name.endswith("ratio"):
             return ratio_text(value)
         if name.endswith("ber"):
-            return "\n".join(rate_texts(value)).rstrip()
+            ends = f"\n{rate_text(value.low)} to {rate_text(value.high)}"
+            return rate_or_limit(value.value, value.high) + ends * (value.value != 0)
         return f"{value.value:.3g}\n{value.low:.3g} to {value.high:.3g}"
     return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def rate_texts(rate: Estimate) -> tuple[str, str]:
-    """Write a rate and its interval, or its limit.
-
-    Example:
-        >>> rate_texts(Estimate(0.0, 0.0, 1e-4))
-        ('< 1.0e-4', '')
-    """
-    text = rate_or_limit(rate.value, rate.high)
-    ends = f"{rate_text(rate.low)} to {rate_text(rate.high)}"
-    return text, ends if rate.value else ""
 
 
 def ratio_text(ratio: Estimate) -> str:
@@ -153,17 +133,21 @@ def ber_table(table: BerTable, console: Console) -> Table:
     heading = "\n".join([*name.split(), *([f"({unit}"] if 0 < len(unit) < 9 else [])])
     if console.options.ascii_only:
         heading = heading.replace("\N{SUPERSCRIPT TWO}", "2")
-    wide, long = dict[float, TableRow](), list[TableRow]()
+    wide, long = list[TableRow](), list[TableRow]()
     for value in table.values:
-        wide[value] = {"value": value_text(value)}
+        place = {"value": value_text(value)}
+        wide.append(dict(place))
         for row in table:
             if row.value == value:
                 rate = Estimate(row.ber, row.ber_low, row.ber_high)
-                wide[value][f"{row.receiver}_ber"] = rate
-                place = {"value": value_text(value), "receiver": row.receiver}
-                long.append(place | {"ber": rate})
-    heads = {f"{name}_ber": receiver_heading(name) for name in table.receivers}
-    shown = row_table(list(wide.values()), {"value": heading, **heads})
+                wide[-1][f"{row.receiver}_ber"] = rate
+                long.append(place | {"receiver": row.receiver, "ber": rate})
+    # A long name is broken after each word.
+    heads = {
+        f"{name}_ber": name if len(name) < 9 else name.replace("_", "_\n")
+        for name in table.receivers
+    }
+    shown = row_table(wide, {"value": heading, **heads})
     free = console.options.update(width=10_000)
     if console.measure(shown, options=free).maximum <= console.width:
         return shown
@@ -186,23 +170,14 @@ def print_table(table: BerTable, console: Console | None = None) -> None:
     if not len(table):
         return console.print("No points were measured.")
     console.print(ber_table(table, console))
-    free = any(row.error_free for row in table)
-    unseen = [row.unseen_below for row in table if row.unseen_below is not None]
     # How each receiver's rate scatters over the trainings; nothing after a single one.
     scattered = {
         receiver: rows
         for receiver in table.receivers
         if (rows := [row for row in table.of(receiver) if row.ber_sd])
     }
-    text = page.render(
-        __package__,
-        "below.txt.j2",
-        table=table,
-        free=free,
-        unseen=unseen,
-        scattered=scattered,
-        value_text=value_text,
-    )
+    words = {"table": table, "scattered": scattered, "value_text": value_text}
+    text = page.render(__package__, "below.txt.j2", **words)
     about, *lines = text.splitlines()
     console.print(Text(about, style="dim"))
     say(console, *lines)
@@ -226,10 +201,12 @@ def point_lines(table: BerTable, *, rates: bool) -> Iterator[str]:
         rows = [row for row in table if row.value == value]
         why = LOOKS["stopped"].get(rows[0].stopped_by, rows[0].stopped_by)
         text = f"{table.axis}={value_text(value)}: {rows[0].frames} frames, {why}"
-        told = ", ".join(
-            f"{row.receiver} {rate_or_limit(row.ber, row.ber_high)}" for row in rows
-        )
-        yield f"{text}; {told}" if rates else text
+        if rates:
+            texts = (
+                f"{row.receiver} {rate_or_limit(row.ber, row.ber_high)}" for row in rows
+            )
+            text += f"; {', '.join(texts)}"
+        yield text
 
 
 def trained_lines(training: train.Training) -> Iterator[str]:
@@ -243,11 +220,13 @@ def trained_lines(training: train.Training) -> Iterator[str]:
             yield f"trained {name} on {cost.frames} frames in {cost.training_s:.0f} s"
 
 
+@dataclass
 class Stopwatch:
     """Adds up wall-clock seconds by stage.
 
     Args:
-        console: where each stage is told of once it is done, or None.
+        console: where each stage is named once it is done, or None.
+        seconds: by stage.
 
     Example:
         >>> watch = Stopwatch()
@@ -257,9 +236,8 @@ class Stopwatch:
         ['nothing']
     """
 
-    def __init__(self, console: Console | None = None) -> None:
-        self.seconds: dict[str, float] = {}
-        self._console = console
+    console: Console | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -270,7 +248,6 @@ class Stopwatch:
         finally:
             spent = time.perf_counter() - begun
             self.seconds[name] = self.seconds.get(name, 0.0) + spent
-        if self._console is not None:
-            self._console.print(
-                f"{name:<20} {self.seconds[name]:6.1f} s", highlight=False
-            )
+        if self.console is not None:
+            text = f"{name:<20} {self.seconds[name]:6.1f} s"
+            self.console.print(text, highlight=False)

@@ -16,7 +16,7 @@ SLOWEST_PARTS = 1001
 
 def write_video(
     path: Path, frames: Iterable[Bytes], fps: float, quality: int = 12
-) -> int:
+) -> None:
     """Write frames as H.264 in MP4; an odd last row or column is left out, as players ask for.
 
     Args:
@@ -25,14 +25,10 @@ def write_video(
         fps: frames a second.
         quality: x264's constant rate factor, 0 (lossless) to 51.
 
-    Returns:
-        How many frames were written.
-
     Raises:
         VoccError: PyAV is not installed, there are no frames, or the file cannot be written.
     """
     av = library("av", "video", f"{path} is a video")
-    count = 0
     # What says how to read it goes first, so that a film which is cut can be read up to there.
     first = {"movflags": "faststart"}
     with (
@@ -44,17 +40,15 @@ def write_video(
             "libx264", rate=rate, options={"crf": str(quality), "preset": "fast"}
         )
         stream.pix_fmt = "yuv420p"
-        for shown in frames:
+        for number, shown in enumerate(frames):
             even = np.ascontiguousarray(
                 shown[: len(shown) // 2 * 2, : shown.shape[1] // 2 * 2]
             )
-            if not count:
+            if not number:
                 stream.height, stream.width = even.shape[:2]
             picture = av.VideoFrame.from_ndarray(
                 even, format="gray" if even.ndim == 2 else "rgb24"
             )
-            picture.pts = count
+            picture.pts = number
             container.mux(stream.encode(picture))
-            count += 1
         container.mux(stream.encode())
-    return count

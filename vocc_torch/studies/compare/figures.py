@@ -11,7 +11,7 @@ from vocc_torch.measure.estimate import Estimate
 from vocc_torch.report import heatmap, plots, styles
 from vocc_torch.report.plots import LOOK, Curve, Figure, Panel, Rows
 from vocc_torch.report.styles import Style
-from vocc_torch.report.terminal import BLANK, TableRow, rate_texts, ratio_text
+from vocc_torch.report.terminal import BLANK, TableRow, ratio_text
 from vocc_torch.studies.compare.effect_scenes import EffectStudy
 
 
@@ -104,7 +104,8 @@ def scenes_figure(
 
 def transfer_text(row: TableRow) -> str:
     """Write a rate, and under it how it compares with the receiver trained on the scenes of the test."""
-    ratio, text = row["ratio"], rate_texts(row["ber"])[0]
+    ratio, rate = row["ratio"], row["ber"]
+    text = styles.rate_or_limit(rate.value, rate.high)
     return f"{text}\n{ratio_text(ratio)}" if ratio.leaves_out(1) else text
 
 
@@ -205,7 +206,7 @@ def price_figure(rows: Sequence[TableRow], conditions: str) -> Figure:
         if row["rank"] == "frontier":
             times.append(row["ms"].value)
             rates.append(Estimate(*[row["ber"].value or row["ber"].high] * 3))
-    line = Curve(FRONTIER, times, rates, bars=False)
+    line = Curve(FRONTIER, times, rates)
     panels = []
     for locator in dict.fromkeys(row["locator"] for row in rows):
         curves = [
@@ -213,7 +214,8 @@ def price_figure(rows: Sequence[TableRow], conditions: str) -> Figure:
             for row in quickest
             if row["locator"] == locator
         ]
-        words = styles.LOCATED[locator], "Time a frame (ms)"
+        located = styles.LOOKS["located"].get(locator, locator.replace("_", " "))
+        words = located, "Time a frame (ms)"
         panels.append(Panel([line, *curves], *words, x_scale="log", spread_pt=0))
     title = f"Time and errors of {len(rows)} receivers, {rows[0]['scenes']}"
     note = f"{conditions} Bars: 95 % intervals; arrows: no errors, 95 % upper limit."
