@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from vocc_torch.arrays import read_bits
 from vocc_torch.errors import VoccError
-from vocc_torch.extras.calibrate.task import known_bits
 from vocc_torch.files import (
     UNFINISHED,
     atomic_file,
@@ -21,7 +21,6 @@ from vocc_torch.files import (
     unfinished,
     write_atomically,
 )
-from vocc_torch.hardware import PanelShape
 from vocc_torch.plugins import ModuleFile
 from vocc_torch.receiver.locators import DetectorLocator
 from vocc_torch.receiver.receiver import Receiver
@@ -199,7 +198,7 @@ READERS = {
     "model": lambda path: Receiver.load(path),
     "code": lambda path: ModuleFile(str(path)).module(),
     "table": read_tables,
-    "bits of a calibration": lambda path: known_bits(path, PanelShape(8, 8)),
+    "bits of a calibration": lambda path: read_bits(path, "calibrate.bits", (8, 8)),
     "message": lambda path: read_file(path, "input"),
     "weights": lambda path: DetectorLocator(weights=str(path)).settings,
     "recording": lambda path: list(read_recording(path, "luma")),

@@ -17,6 +17,7 @@ from vocc_torch import (
     VoccError,
     load_scene,
 )
+from vocc_torch.arrays import read_bits
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.drawing import LEVELS, NAMES, TURNED, PanelDrawing
 from vocc_torch.extras.calibrate.fit import BASE, RecordingFit, settled
@@ -25,7 +26,6 @@ from vocc_torch.extras.calibrate.noise import Noise, expected
 from vocc_torch.extras.calibrate.reading import Footage, read_footage
 from vocc_torch.extras.calibrate.scene import spread
 from vocc_torch.extras.calibrate.study import calibrate, demand_contrast
-from vocc_torch.extras.calibrate.task import known_bits
 from vocc_torch.receiver.locators import PaperLocator, locator_named
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.types import Panels
@@ -303,11 +303,11 @@ def test_a_value_that_moves_is_a_distribution_and_one_that_stays_a_number():
 
 def test_bits_of_another_panel_are_refused(tmp_path):
     np.save(tmp_path / "b.npy", np.zeros((3, 4, 4), dtype=bool))
-    assert known_bits(tmp_path / "b.npy", PanelShape(4, 4)).shape == (3, 4, 4)
+    assert read_bits(tmp_path / "b.npy", "calibrate.bits", (4, 4)).shape == (3, 4, 4)
     with pytest.raises(VoccError, match=r"must be bool of shape \(N,8,8\)"):
-        known_bits(tmp_path / "b.npy", PanelShape(8, 8))
+        read_bits(tmp_path / "b.npy", "calibrate.bits", (8, 8))
     with pytest.raises(VoccError, match="cannot be read"):
-        known_bits(tmp_path / "none.npy", PanelShape(8, 8))
+        read_bits(tmp_path / "none.npy", "calibrate.bits", (8, 8))
     np.savez(tmp_path / "several.npz", a=np.zeros(3), b=np.zeros(3))
     with pytest.raises(VoccError, match="cannot be read as one array"):
-        known_bits(tmp_path / "several.npz", PanelShape(8, 8))
+        read_bits(tmp_path / "several.npz", "calibrate.bits", (8, 8))

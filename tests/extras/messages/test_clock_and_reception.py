@@ -150,7 +150,7 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
     for number, part in message.parts.items():
         assert part == MESSAGE[number * message.payload :][: message.payload]
     assert all(
-        "no frame showed" in received_packet.why
+        "no frame showed" in received_packet.row[-1]
         for received_packet in got
         if received_packet.unseen > 0.5
     )
@@ -165,4 +165,4 @@ def test_nothing_is_received_where_nothing_was_sent():
     ):
         assembly, got, _ = received(llr.astype(np.float32), np.arange(330) / 2.4)
         assert not assembly.messages
-        assert all(received_packet.why for received_packet in got)
+        assert all(received_packet.row[-1] for received_packet in got)

@@ -8,7 +8,7 @@ import pytest
 from one_point import banks, job_of
 from scipy import stats
 
-from vocc_torch.extras.rare import guess, pilot
+from vocc_torch.extras.rare import learning, pilot
 from vocc_torch.extras.rare.scenes import EDGES, WIDTHS, Component, TiltedScenes
 from vocc_torch.extras.rare.weights import WeightedCounts, weighted_interval
 from vocc_torch.measure.executors import Workers
@@ -91,7 +91,7 @@ def test_the_mean_of_weighted_errors_is_the_known_rate():
     shape, names = PanelShape(8, 8), ("distance_m", "background_grey")
     template = np.full((5, 5), 0.5)
     template[1:4, 2], template[2, 1:4], template[2, 2] = 0.9, 0.9, 0.1
-    seeks = guess.around_leds(
+    seeks = learning.around_leds(
         shape,
         48,
         template,

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from vocc_torch.errors import demand_ranges, demand_word, within
+from vocc_torch.recordings import CHANNELS
 
-CHANNELS = ("luma", "max", "red", "green", "blue")
 MOST_FRAMES = 256
 
 

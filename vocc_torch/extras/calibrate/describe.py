@@ -8,9 +8,9 @@ import numpy as np
 import torch
 
 from vocc_torch.arrays import Floats
-from vocc_torch.extras.calibrate.drawing import COLUMN, LEVELS, TURNED, columns
+from vocc_torch.extras.calibrate.drawing import COLUMN, TURNED, lights
 from vocc_torch.extras.calibrate.fit import SURE
-from vocc_torch.extras.calibrate.noise import WHITE, linear
+from vocc_torch.extras.calibrate.noise import WHITE
 from vocc_torch.extras.calibrate.scene import Findings, Value
 from vocc_torch.extras.calibrate.surround import SETTINGS as SURROUND
 from vocc_torch.extras.calibrate.transfer import TransferCurve
@@ -45,14 +45,13 @@ def describe(apart: Floats, found: Findings) -> None:
     for word in ("rate", "colours", "ratio", "air", "lens", "beside"):
         found.say(word)
     found.say("coded", when=coded)
-    wide = SURE * fit.deviation("gamma")
     if found.bound is None:
         found.camera = replace(found.camera, gamma=round(fit.gamma, 5))
         found.tell("camera.gamma", fit.gamma, fit.deviation("gamma"))
-    found.say(
-        "bound", when=found.bound is not None, gamma=found.bound, fitted=fit.gamma
-    )
-    found.say("hardly", when=wide > SETTINGS.wide_gamma)
+    else:
+        found.say("bound", gamma=found.bound, fitted=fit.gamma)
+    wide = SURE * fit.deviation("gamma") > SETTINGS.wide_gamma
+    found.say("hardly", when=wide)
     place(apart, found)
     if found.tried("jpeg", found.coded[1], SURROUND.coded_sigmas):
         found.tell("effects.jpeg.quality", found.coded[0], 1.0)
@@ -90,11 +89,6 @@ def place(apart: Floats, found: Findings) -> None:
             column = itemgetter((slice(None), COLUMN[name]))
             found.over(f"effects.pose.{name}", column)
         found.say("signs", when=float(np.median(apart)) < SETTINGS.sure_pose)
-
-
-def lights(table: Floats) -> Floats:
-    """Light of background, Off and On, (3,B)."""
-    return linear(table[:, columns(*LEVELS)], table[0, COLUMN["gamma"]]).T
 
 
 def veil_luminance(found: Findings) -> tuple[float, float]:
@@ -178,9 +172,7 @@ def by_gamma(found: Findings) -> Floats:
     """
     fit = found.fit
     dark = float(np.median(np.abs(np.log(fit.value("off") / fit.value("background")))))
-    return np.asarray(
-        fit.deviation("gamma") * np.array([2 / fit.gamma, 1 / fit.gamma + dark])
-    )
+    return fit.deviation("gamma") * np.array([2 / fit.gamma, 1 / fit.gamma + dark])
 
 
 def sensor_noise(curve: TransferCurve, found: Findings, efficiency: float) -> None:

@@ -34,6 +34,11 @@ def columns(*names: str) -> list[int]:
     return [COLUMN[name] for name in names]
 
 
+def lights(table: Floats) -> Floats:
+    """Light of background, Off and On, (3,B)."""
+    return linear(table[:, columns(*LEVELS)], table[0, COLUMN["gamma"]]).T
+
+
 class FramePose(Effect, on=Quantity.PLACEMENT):
     """The pose of each frame, where a scene has one distribution for all.
 
@@ -98,7 +103,7 @@ class PanelDrawing:
         angles = table[:, columns(*TURNED)]
         board, _, blur_px = table[0, columns(*SHARED)].tolist()
         shape = len(table), *self.panel.shape.sides
-        effects: dict[str, object] = {
+        effects = {
             "blooming": {"sigma_px": blur_px},
             "led_weights": LedWeights(torch.from_numpy(weights).view(shape)),
         }
@@ -117,7 +122,7 @@ class PanelDrawing:
     def distance_m(self, table: Floats) -> Floats:
         """Distances of the panels, (B,)."""
         pitch = self.camera.focal_length_px * self.panel.pitch_m
-        return np.asarray(pitch * np.exp(-table[:, COLUMN["log_pitch_px"]]))
+        return pitch * np.exp(-table[:, COLUMN["log_pitch_px"]])
 
     def scene(self, table: Floats) -> Scene:
         """Give the scenes of frames: where the panels are, with LEDs as bright as the background."""
@@ -144,8 +149,7 @@ class PanelDrawing:
             table: (B,12) as :data:`NAMES`.
             lit: (B,R*C) which LEDs are On.
         """
-        levels = linear(table[:, columns(*LEVELS)], table[0, COLUMN["gamma"]])
-        background, off, on = levels.T[..., None]
+        background, off, on = lights(table)[..., None]
         weights = np.where(lit, on, off) / background - 1
         every = torch.ones(len(table), *self.panel.shape.sides, dtype=torch.bool)
         frames = self.simulator(table, weights).render_window(

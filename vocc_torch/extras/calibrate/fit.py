@@ -112,7 +112,7 @@ class RecordingFit:
 
     def value(self, name: str) -> Floats:
         """A value of each frame, (B,)."""
-        return np.asarray(self.table[:, COLUMN[name]])
+        return self.table[:, COLUMN[name]]
 
     def set(self, **values: Floats | float) -> "RecordingFit":
         """Set values by name."""
@@ -174,7 +174,11 @@ def settled(
     """
     fit = replace(fit, free=tuple(free))
     mean, variance = fit.predicted()
-    root = np.sqrt(calmed(fit.grey - mean, variance) / variance)
+    off = np.abs(fit.grey - mean) / np.sqrt(variance)
+    bulk = np.quantile(off, 0.68, axis=(1, 2), keepdims=True).clip(min=0.5)
+    # Residuals count in full up to four standard deviations of the bulk, and less beyond.
+    calm = np.minimum(SETTINGS.clear_sigmas * bulk / off.clip(min=1e-9), 1.0)
+    root: Floats = np.sqrt(calm / variance)
     frames = len(fit.grey)
     names = fit.by_frame * frames + fit.shared
     low, high = np.array([RANGES[name] for name in names]).T
@@ -199,14 +203,6 @@ def settled(
     scale = max(misfit / max(fit.grey.size - len(names), 1.0), 1e-12)
     spread = covariances(found.jac, found.fun, scale, fit.grey.shape)
     return replace(fit.moved(found.x), misfit=misfit, scale=scale, covariances=spread)
-
-
-def calmed(residual: Floats, variance: Floats) -> Floats:
-    """Weigh residuals: 1 up to four standard deviations of the bulk, and less beyond."""
-    off = np.abs(residual) / np.sqrt(variance)
-    bulk = np.quantile(off, 0.68, axis=(1, 2), keepdims=True).clip(min=0.5)
-    clear = SETTINGS.clear_sigmas * bulk / off.clip(min=1e-9)
-    return np.asarray(np.minimum(clear, 1.0))
 
 
 def covariances(

@@ -113,4 +113,4 @@ def mirrored(fit: RecordingFit) -> tuple[RecordingFit, Floats]:
 def squares(fit: RecordingFit) -> Floats:
     """Give squared residuals, in units of the noise, (B,H,W)."""
     mean, variance = fit.predicted()
-    return np.asarray((fit.grey - mean) ** 2 / variance)
+    return (fit.grey - mean) ** 2 / variance

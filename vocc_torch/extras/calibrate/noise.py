@@ -42,7 +42,7 @@ class Noise:
 
 def linear(grey: Floats, gamma: float) -> Floats:
     """Give the light that is encoded as grey values which no white clips."""
-    return np.asarray((np.maximum(grey, 1e-3) / MIDDLE_GREY) ** gamma)
+    return (np.maximum(grey, 1e-3) / MIDDLE_GREY) ** gamma
 
 
 def encoded(x: Floats, gamma: float, white: float = WHITE) -> Floats:

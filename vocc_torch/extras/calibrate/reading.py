@@ -15,7 +15,7 @@ from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.recordings.frames import RecordedFrame
 from vocc_torch.recordings.reading import read_recording, readable
-from vocc_torch.types import Frames, PanelShape
+from vocc_torch.types import Frames, Panels, PanelShape
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,9 @@ def read_footage(
             "expose less, so that the panel is seen"
         )
     batches = torch.split(torch.from_numpy(greys), SETTINGS.batch)
-    located = [locator(Frames.whole(batch), shape) for batch in batches]
-    corners = torch.cat([part.corners_px.double().cpu() for part in located]).numpy()
-    found = torch.cat([part.found.cpu() for part in located]).numpy()
+    parts = [locator(Frames.whole(batch), shape) for batch in batches]
+    located = Panels.cat(parts).to("cpu")
+    corners, found = located.corners_px.double().numpy(), located.found.numpy()
     if not found.any():
         raise VoccError(
             f"input {source} shows no panel in {len(chosen)} of {len(chosen)} frames: "

@@ -4,13 +4,15 @@ import math
 from pathlib import Path
 
 import numpy as np
+from matplotlib import colormaps
 
 from vocc_torch.extras.calibrate.fit import SURE
-from vocc_torch.extras.calibrate.noise import ROUNDING, WHITE, expected
+from vocc_torch.extras.calibrate.noise import ROUNDING, expected
 from vocc_torch.extras.calibrate.scene import Findings
 from vocc_torch.extras.calibrate.transfer import TransferCurve
 from vocc_torch.files import write_atomically
 from vocc_torch.report import page, plots
+from vocc_torch.report.led_plots import Picture, picture_figure
 
 FARTHEST = 5.0
 """Standard deviations at which the colours of residuals end, or of theirs where they are the wider."""
@@ -28,15 +30,8 @@ def write_page(study: Findings, source: str, command: str, folder: Path) -> None
     rms = write_frames(study, folder / "frames.png")
     if study.curve is not None:
         write_transfer(study.fit.gamma, study.curve, folder / "transfer.png")
-    text = page.render(
-        __package__,
-        "page.md.j2",
-        source=source,
-        command=command,
-        study=study,
-        rms=rms,
-        sure=SURE,
-    )
+    words = {"source": source, "command": command, "study": study, "sure": SURE}
+    text = page.render(__package__, "page.md.j2", rms=rms, **words)
     html = page.html(text, f"A scene from {source}", folder)
     write_atomically(folder / "page.md", text.encode())
     write_atomically(folder / "page.html", html.encode())
@@ -50,19 +45,15 @@ def write_frames(study: Findings, path: Path) -> float:
     far = FARTHEST * max(1.0, math.sqrt(fit.scale))
     order = (off**2).mean((1, 2)).argsort()
     chosen = np.unique([0, order[len(order) // 2], order[-1]])
-    figure, axes = plots.sheet(3 * len(chosen), "Measured and expected")
-    panes = iter(axes)
-    for frame in chosen:
-        for head, plane, low, high, colours in (
-            (f"frame {numbers[frame]}: measured", fit.grey, 0.0, WHITE, "gray"),
-            ("expected", mean, 0.0, WHITE, "gray"),
-            (f"difference, to {far:.3g} standard deviations", off, -far, far, "RdBu_r"),
-        ):
-            pane = next(panes)
-            pane.imshow(plane[frame], colours, vmin=low, vmax=high)
-            pane.set_title(head, fontsize=9)
-            pane.set_axis_off()
-    plots.save_figure(figure, path)
+    shades = colormaps["RdBu_r"](off[chosen] / (2 * far) + 0.5, bytes=True)[..., :3]
+    pictures = []
+    for frame, shade in zip(chosen, shades, strict=True):
+        pictures += [
+            Picture(fit.grey[frame], f"frame {numbers[frame]}: measured"),
+            Picture(mean[frame], "expected"),
+            Picture(shade, "difference", f"to {far:.3g} standard deviations"),
+        ]
+    plots.save_figure(picture_figure(pictures, "Measured and expected"), path)
     return math.sqrt(((fit.grey - mean) ** 2).mean())
 
 

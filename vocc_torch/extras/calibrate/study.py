@@ -25,7 +25,6 @@ from vocc_torch.extras.calibrate.surround import (
     background,
     compression,
     falloff,
-    noise_variance,
     tiled,
 )
 from vocc_torch.extras.calibrate.transfer import transfer
@@ -119,10 +118,16 @@ def calibrate(
     found = Findings(camera, panel, config, used, begun, coded, times)
     cells = max(panel.shape.sides)
     outside = background(used.greys.shape[1:], used.corners_px, cells)
-    quiet = noise_variance(used.greys, outside) < SETTINGS.undithered
+    # Neighbouring pixels of the background differ by its noise; where all is panel it counts as noisy.
+    pairs = outside[:, 1:] & outside[:, :-1]
+    apart_dn = np.diff(used.greys.astype(np.float64), axis=2)[:, pairs]
+    quiet = pairs.any() and (apart_dn**2).mean() / 2 < SETTINGS.undithered
     rounds = LEDS.rounds if bits is None else 0
     fit, apart = placed(begun, found, rounds)
-    good = fitting(fit)
+    # Frames that are fitted about as well as the better ones: others' corners are wrong.
+    misfit = ((fit.grey - fit.predicted()[0]) ** 2).mean((1, 2))
+    usual = max(np.quantile(misfit, SETTINGS.better), SETTINGS.odd_least)
+    good = misfit <= SETTINGS.odd * usual
     if not good.all():
         study = calibrate(chosen.taken(good), camera, panel, config, bits)
         study.unknown.append(WORDS["sentences"]["odd"].format(count=int((~good).sum())))
@@ -141,13 +146,6 @@ def calibrate(
     found.fit = decided(fit, fit.free, rounds)
     describe(apart, found)
     return found
-
-
-def fitting(fit: RecordingFit) -> Bools:
-    """Tell frames that are fitted about as well as the better ones, (B,): others' corners are wrong."""
-    misfit = ((fit.grey - fit.predicted()[0]) ** 2).mean((1, 2))
-    usual = max(np.quantile(misfit, SETTINGS.better), SETTINGS.odd_least)
-    return np.asarray(misfit <= SETTINGS.odd * usual)
 
 
 def placed(

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from PIL import Image
+from PIL.JpegImagePlugin import JpegImageFile
 from scipy import fft
 
 from vocc_torch.arrays import Bools, Floats, Numbers
@@ -40,14 +41,6 @@ def tiled(planes: Numbers, side: int) -> Numbers:
     return cut.reshape(*planes.shape[:-2], rows, side, columns, side).swapaxes(-3, -2)
 
 
-def quantisation_table(quality: int) -> Floats:
-    """Give libjpeg's steps of luminance at a quality, (8,8)."""
-    file = io.BytesIO()
-    Image.new("L", (8, 8)).save(file, "JPEG", quality=quality)
-    with Image.open(file) as coded:
-        return np.array(coded.quantization[0], dtype=np.float64).reshape(8, 8)  # type: ignore[attr-defined]
-
-
 def compression(greys: Numbers) -> tuple[int, float]:
     """Say at which JPEG quality frames were coded, and how sure that is.
 
@@ -67,7 +60,11 @@ def compression(greys: Numbers) -> tuple[int, float]:
     coefficients[:, 0, 0] = 0
     scores = {0: 0.0}
     for quality in range(30, 97):
-        table = quantisation_table(quality)
+        file = io.BytesIO()
+        Image.new("L", (8, 8)).save(file, "JPEG", quality=quality)
+        file.seek(0)
+        with JpegImageFile(file) as coded:
+            table = np.reshape(coded.quantization[0], (8, 8))  # libjpeg's steps
         steps = coefficients / table
         used = steps[(table >= 4) & (np.abs(steps) > 0.5)]
         if len(used) >= 100:
@@ -92,13 +89,6 @@ def background(shape: tuple[int, ...], corners_px: Floats, cells: int) -> Bools:
     outside = np.ones(shape, dtype=bool)
     outside[top:bottom, left:right] = False
     return outside
-
-
-def noise_variance(greys: Numbers, outside: Bools) -> float:
-    """Variance of the background from pixel to pixel next to it, in grey values; infinite where all is panel."""
-    pairs = outside[:, 1:] & outside[:, :-1]
-    apart = np.diff(greys.astype(np.float64), axis=2)[:, pairs]
-    return float((apart**2).mean()) / 2 if pairs.any() else math.inf
 
 
 class Falloff(NamedTuple):

@@ -6,16 +6,14 @@ from dataclasses import asdict, replace
 from importlib import resources
 from pathlib import Path
 
-import numpy as np
-
-from vocc_torch.arrays import Bools, read_npy
+from vocc_torch.arrays import read_bits
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.reading import read_footage
 from vocc_torch.extras.calibrate.report import write_page
 from vocc_torch.extras.calibrate.study import calibrate
 from vocc_torch.files import write_atomically
-from vocc_torch.hardware import Camera, LedPanel, PanelShape
+from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.measure.build import build_panel, receiver_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.report import folder as run_folder
@@ -47,7 +45,9 @@ def run_calibrate(settings: Settings, config: CalibrateConfig, folder: Path) -> 
             "truth",
             "one that looks for the panel, for task=calibrate",
         )
-    bits = None if config.bits is None else known_bits(Path(config.bits), panel.shape)
+    bits = None
+    if config.bits is not None:
+        bits = read_bits(Path(config.bits), "calibrate.bits", panel.shape.sides)
     with ProgressView(1, console, "reading the recording", unit="") as view:
         footage = read_footage(source, config, locator, panel.shape)
         view.say(f"frames: {len(footage)}")
@@ -88,21 +88,6 @@ def of_size(camera: Camera, height: int, width: int) -> tuple[Camera, str]:
     wide = camera.sensor_width_mm * width / camera.width_px
     said += "they are treated as the middle of the sensor, with pixels of the same size"
     return replace(fitted, sensor_width_mm=wide), said
-
-
-def known_bits(path: Path, shape: PanelShape) -> Bools:
-    """Read what the panel showed.
-
-    Raises:
-        VoccError: another file, or bits of another panel.
-    """
-    bits = np.array(read_npy(path, "calibrate.bits"))
-    if bits.dtype != np.bool_ or bits.shape[1:] != shape.sides or not len(bits):
-        raise VoccError(
-            f"calibrate.bits {path} holds {bits.dtype} of shape {bits.shape}: it must be "
-            f"bool of shape (N,{shape.rows},{shape.columns})"
-        )
-    return bits
 
 
 def next_command(name: str, fitted: LedPanel) -> str:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from vocc_torch.arrays import Floats, Integers, Singles
+from vocc_torch.arrays import Integers, Singles
 from vocc_torch.extras.messages.layout import Layout
 
 
@@ -102,7 +102,7 @@ class SymbolClock:
         known = [(rows == band) & (kind != "data") for band in range(layout.bands)]
         self._known = [(cells, shown[cells]) for cells in known]
         self._anchors = kind == "anchor"
-        self._lit: Floats | None = None
+        self._lit = None
         self._value = np.zeros(layout.symbols * layout.bands, dtype=np.float32)
         self._frames: list[PendingFrame] = []
         self._last: float | None = None

@@ -1,8 +1,8 @@
 """Forward error correction by the field's libraries: words of bits from information, and back."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
@@ -68,7 +68,8 @@ class ReedSolomon(Code):
         reedsolo = library("reedsolo", "messages", need, ", or give none")
         super().__init__(info_bytes)
         self.check_bytes = word_bytes - info_bytes
-        self.codec: Any = reedsolo.RSCodec(self.check_bytes, nsize=LONGEST_WORD)
+        self.codec = reedsolo.RSCodec(self.check_bytes, nsize=LONGEST_WORD)
+        self.failure = reedsolo.ReedSolomonError
 
     def encode(self, infos: Sequence[bytes]) -> Bytes:
         """Append the check bytes, and give bits."""
@@ -84,11 +85,8 @@ class ReedSolomon(Code):
         weakest = np.argsort(np.abs(word).reshape(-1, 8).min(axis=1), kind="stable")
         for share in SETTINGS.erased_shares:
             erased = weakest[: int(share * self.check_bytes)].tolist()
-            try:
+            with suppress(self.failure):
                 return bytes(self.codec.decode(read, erase_pos=erased)[0])
-            except Exception as error:  # the library is imported where it is needed, and its errors with it
-                if type(error).__name__ != "ReedSolomonError":
-                    raise
         return None
 
 
@@ -107,14 +105,12 @@ class Ldpc(Code):
         need = "transmit.code is ldpc, which needs sionna-no-rt"
         fec = library("sionna.phy.fec.ldpc", "ldpc", need, ", or give rs")
         try:
-            self.encoder: Any = fec.LDPC5GEncoder(
-                8 * info_bytes, word_bits, device="cpu"
-            )
+            self.encoder = fec.LDPC5GEncoder(8 * info_bytes, word_bits, device="cpu")
         except ValueError as error:
             raise VoccError(
                 f"transmit.code_rate does not suit ldpc: {' '.join(str(error).split())}"
             ) from None
-        self.decoder: Any = fec.LDPC5GDecoder(
+        self.decoder = fec.LDPC5GDecoder(
             self.encoder, num_iter=SETTINGS.iterations, hard_out=True, device="cpu"
         )
 

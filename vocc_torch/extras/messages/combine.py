@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from vocc_torch.arrays import Singles
-from vocc_torch.extras.messages.clock import SoftFrames, SymbolClock, Ticks
+from vocc_torch.extras.messages.clock import SoftFrames, SymbolClock
 from vocc_torch.extras.messages.layout import Layout
 
 
@@ -47,34 +47,31 @@ class Block:
     counts: NDArray[np.int32]
 
     def ratios(self, layout: Layout) -> Singles:
-        """Give log-likelihood ratios (P,R,C); zeros for cells that are hidden or dead."""
-        sums = self.sums * self._worth(layout)
-        if layout.plan.signalling.scramble:
-            on = (sums >= 0).reshape(-1, SETTINGS.stuck_symbols, *sums.shape[1:])
-            stuck = (on == on[:, :1]).all(axis=1) & (layout.kind == "data")
-            sums[stuck.repeat(SETTINGS.stuck_symbols, axis=0)] = 0
-        return sums
-
-    def _worth(self, layout: Layout) -> float:
-        """Say by what the sums are to be multiplied to make the block's known cells likeliest.
+        """Give log-likelihood ratios (P,R,C); zeros for cells that are hidden or dead.
 
         Scores are of any size, and far from what a receiver learned, or where frames of a symbol err
-        together, ratios are too sure.
+        together, ratios are too sure. So the sums are scaled to make the block's known cells likeliest.
         """
         known, sums = layout.known, self.sums
         still = ((sums > 0).all(axis=0) | (sums < 0).all(axis=0)) & (
             layout.kind != "anchor"
         )
         agreement = (known * sums)[(known != 0) & (sums != 0) & ~still]
-        if not len(agreement):
-            return 1.0
-        ratios = agreement.astype(np.float64)
-        found = minimize_scalar(
-            lambda scale: np.logaddexp(0.0, -scale * ratios).sum(),
-            bounds=(SETTINGS.least_scale, SETTINGS.most_scale),
-            method="bounded",
-        )
-        return float(found.x)
+        scale = 1.0
+        if len(agreement):
+            certain = agreement.astype(np.float64)
+            found = minimize_scalar(
+                lambda scale: np.logaddexp(0.0, -scale * certain).sum(),
+                bounds=(SETTINGS.least_scale, SETTINGS.most_scale),
+                method="bounded",
+            )
+            scale = float(found.x)
+        sums = sums * scale
+        if layout.plan.signalling.scramble:
+            on = (sums >= 0).reshape(-1, SETTINGS.stuck_symbols, *sums.shape[1:])
+            stuck = (on == on[:, :1]).all(axis=1) & (layout.kind == "data")
+            sums[stuck.repeat(SETTINGS.stuck_symbols, axis=0)] = 0
+        return sums
 
 
 def blocks_of(layout: Layout, recording: Iterable[SoftFrames]) -> Iterator[Block]:
@@ -92,29 +89,26 @@ def blocks_of(layout: Layout, recording: Iterable[SoftFrames]) -> Iterator[Block
         >>> [(block.number, float(block.counts.mean())) for block in blocks]
         [(0, 2.0)]
     """
-    begun: dict[int, Block] = {}
+    begun = {}
+    rows = layout.band_of_row
     for ticks in SymbolClock(layout).ticks(recording):
-        _add(ticks, layout, begun)
-        last = int(ticks.symbol[-1].min()) // layout.symbols
-        yield from [begun.pop(number) for number in sorted(begun) if number < last]
+        weights = judged(ticks.agreement)
+        blocks, symbols = np.divmod(ticks.symbol, layout.symbols)
+        for number in np.unique(blocks).tolist():
+            here = blocks == number
+            if number not in begun:
+                time_s = ticks.times_s[int(here.any(axis=1).argmax())]
+                sums = np.zeros((layout.symbols, *layout.kind.shape), dtype=np.float32)
+                counts = np.zeros((layout.symbols, layout.bands), dtype=np.int32)
+                begun[number] = Block(number, time_s, sums, counts)
+            block, weight = begun[number], np.where(here, weights, 0)
+            np.add.at(block.counts, (symbols, np.arange(layout.bands)), weight > 0)
+            weighted = ticks.llr * weight[:, rows, None]
+            np.add.at(block.sums, (symbols[:, rows], np.arange(len(rows))), weighted)
+        yield from [
+            begun.pop(number) for number in sorted(begun) if number < blocks[-1].min()
+        ]
     yield from [begun[number] for number in sorted(begun)]
-
-
-def _add(ticks: Ticks, layout: Layout, begun: dict[int, Block]) -> None:
-    """Add settled frames to the symbols of their blocks, which begin here."""
-    weights, rows = judged(ticks.agreement), layout.band_of_row
-    blocks, symbols = np.divmod(ticks.symbol, layout.symbols)
-    for number in np.unique(blocks).tolist():
-        here = blocks == number
-        if number not in begun:
-            time_s = ticks.times_s[int(here.any(axis=1).argmax())]
-            sums = np.zeros((layout.symbols, *layout.kind.shape), dtype=np.float32)
-            counts = np.zeros((layout.symbols, layout.bands), dtype=np.int32)
-            begun[number] = Block(number, time_s, sums, counts)
-        block, weight = begun[number], np.where(here, weights, 0)
-        np.add.at(block.counts, (symbols, np.arange(layout.bands)), weight > 0)
-        weighted = ticks.llr * weight[:, rows, None]
-        np.add.at(block.sums, (symbols[:, rows], np.arange(len(rows))), weighted)
 
 
 def judged(agreement: Singles) -> Singles:

@@ -10,10 +10,9 @@ import numpy as np
 import torch
 
 from vocc_torch.arrays import Bools
-from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.clock import SoftFrames
 from vocc_torch.extras.messages.combine import Block, blocks_of
-from vocc_torch.extras.messages.config import AXES, MessagesConfig
+from vocc_torch.extras.messages.config import MessagesConfig
 from vocc_torch.extras.messages.front import Front
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import packed, payload_bytes
@@ -24,11 +23,8 @@ from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.plan import Plan
-from vocc_torch.measure.train import Training, calibrated_receiver
-from vocc_torch.receiver.deciders import GREYSCALE_RECEIVERS
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.rng import BlockKey
-from vocc_torch.simulation import SceneModel
 from vocc_torch.simulation.recording import NoFrameLeftError
 from vocc_torch.simulation.scene import narrowed
 
@@ -40,41 +36,6 @@ class Place(NamedTuple):
     value: float
     receiver: str
     code: str
-
-
-@dataclass(frozen=True)
-class RecordingJob:
-    """One recording; picklable, so that workers do it.
-
-    Args:
-        plan: world, seed and batch size.
-        config: what is sent.
-        axis: the quantity that varies.
-        value: of it.
-        number: of the recording at that point.
-        receivers: by name; the first one's locator follows the panel for all.
-    """
-
-    plan: Plan
-    config: MessagesConfig
-    axis: str
-    value: float
-    number: int
-    receivers: Mapping[str, Receiver]
-
-    @property
-    def model(self) -> SceneModel:
-        """The scenes of the point."""
-        changes = dict(self.plan.experiment.scene)
-        changes["distance_m"] = self.config.at_distance_m
-        if self.axis != "ratio":
-            changes[self.axis] = self.value
-        return narrowed(self.plan.world.scene, changes, "messages")
-
-    @property
-    def ratio(self) -> float:
-        """Frames of the camera a symbol."""
-        return self.value if self.axis == "ratio" else self.config.at_ratio
 
 
 @dataclass(frozen=True)
@@ -127,53 +88,33 @@ def counted(errors: int, of: int) -> Counts:
     return Counts(1, of, 2 * errors, 4 * errors * errors, int(errors > 0))
 
 
-def demand_no_preambles(names: Sequence[str]) -> None:
-    """Refuse a receiver that needs preambles, of which a message has none.
-
-    Raises:
-        VoccError: its name.
-    """
-    if greyscale := [name for name in names if name in GREYSCALE_RECEIVERS]:
-        raise VoccError(
-            f"receiver.names has {greyscale[0]}: it needs preambles, which messages do not send"
-        )
-
-
-def jobs_of(
-    plan: Plan, config: MessagesConfig, receivers: Mapping[str, Receiver]
-) -> list[RecordingJob]:
-    """List all recordings."""
-    return [
-        RecordingJob(plan, config, axis, value, number, receivers)
-        for axis in AXES
-        for value in getattr(config, axis)
-        for number in range(config.recordings)
-    ]
-
-
-def receivers_of(plan: Plan, training: Training) -> dict[str, Receiver]:
-    """Put the named receivers together, with what finds the panel."""
-    locator = plan.receiver.finder
-    receivers = {}
-    for name in plan.receiver.names:
-        receiver_plan = replace(
-            plan, receiver=replace(plan.receiver, save=name, locator="truth")
-        )
-        receivers[name] = calibrated_receiver(receiver_plan, training)
-        if locator is not None:
-            receivers[name].locator = locator
-    return receivers
-
-
-def recorded(job: RecordingJob) -> dict[Place, Carried]:
+def recorded(
+    plan: Plan,
+    config: MessagesConfig,
+    receivers: Mapping[str, Receiver],
+    job: tuple[str, float, int],
+) -> dict[Place, Carried]:
     """Take a recording, read it with every receiver and decode it as every code.
 
     One random block is shown over and over. For each code the scrambling is the one by which that block holds
     its packets, so all of them are compared on the same frames.
+
+    Args:
+        plan: world, seed and batch size.
+        config: what is sent.
+        receivers: by name; the first one's locator follows the panel for all.
+        job: the quantity that varies, its value, and the number of the recording at that point.
     """
-    config, plan = job.config, job.plan
+    axis, value, number = job
+    changes = {**plan.experiment.scene, "distance_m": config.at_distance_m}
+    ratio = config.at_ratio
+    if axis == "ratio":
+        ratio = value
+    else:
+        changes[axis] = value
+    model = narrowed(plan.world.scene, changes, "messages")
     shape, rate_hz = plan.world.panel.shape, config.signalling.symbol_rate_hz
-    key = BlockKey(plan.seed, f"messages/{job.axis}={job.value:g}", job.number)
+    key = BlockKey(plan.seed, f"messages/{axis}={value:g}", number)
     base = Layout(MessagePlan(shape, config.options("none")))
     shown = base.write(
         key.generator("bits").integers(
@@ -181,11 +122,11 @@ def recorded(job: RecordingJob) -> dict[Place, Carried]:
         )
     )
     film = np.tile(shown, (config.blocks, 1, 1))
-    fronts = {name: Front(receiver) for name, receiver in job.receivers.items()}
+    fronts = {name: Front(receiver) for name, receiver in receivers.items()}
     leader = next(iter(fronts.values()))
     read: dict[str, list[SoftFrames]] = {name: [] for name in fronts}
     wrong, taken = dict.fromkeys(fronts, 0), 0
-    scene, fps = job.model.draw(key, shape)[0][:1], job.ratio * rate_hz
+    scene, fps = model.draw(key, shape)[0][:1], ratio * rate_hz
     take = Take(plan, config.record, scene, film, fps, rate_hz, key)
     with suppress(NoFrameLeftError):  # all its packets are lost
         for part in take.parts(config.record.margin):
@@ -196,7 +137,7 @@ def recorded(job: RecordingJob) -> dict[Place, Carried]:
             with torch.inference_mode():
                 frames, corners = leader.locate([*part.frames.grey[:, 0].cpu().numpy()])
                 for name, front in fronts.items():
-                    values = front.values(*front.read(frames, corners), "scores")
+                    values = front.values(*front.read(frames, corners))
                     wrong[name] += int(((values >= 0) != truth).sum())
                     read[name].append((values, stamps))
     blocks = {name: [*blocks_of(base, parts)] for name, parts in read.items()}
@@ -205,7 +146,7 @@ def recorded(job: RecordingJob) -> dict[Place, Carried]:
         layout = Layout(MessagePlan(shape, config.options(code)))
         sent, info_bytes = config.blocks * layout.packets, layout.code.info_bytes
         arrived, false = packets_of(blocks[receiver], layout, shown, key)
-        results[Place(job.axis, job.value, receiver, code)] = Carried(
+        results[Place(axis, value, receiver, code)] = Carried(
             counted(max(0, sent - arrived), sent),
             counted(wrong[receiver], taken * shape.leds),
             8e-3 * payload_bytes(info_bytes) * sent / (len(film) / rate_hz),

@@ -1,18 +1,17 @@
 """``task=messages``: how far messages carry, by receiver and code; a table and a picture."""
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from vocc_torch.errors import section
+from vocc_torch.errors import VoccError, section
 from vocc_torch.extras.messages.comparison import (
     Carried,
     Place,
-    demand_no_preambles,
-    jobs_of,
-    receivers_of,
     recorded,
 )
-from vocc_torch.extras.messages.config import MessagesConfig
+from vocc_torch.extras.messages.config import AXES, MessagesConfig
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import payload_bytes
 from vocc_torch.extras.messages.signalling import MessagePlan
@@ -20,7 +19,8 @@ from vocc_torch.measure import executors, timing
 from vocc_torch.measure.build import build_plan
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.intervals import ber_interval
-from vocc_torch.measure.train import train
+from vocc_torch.measure.train import calibrated_receiver, train
+from vocc_torch.receiver.deciders import GREYSCALE_RECEIVERS
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import plots, terminal
 from vocc_torch.report.styles import axis_label, receiver_styles, value_text
@@ -47,9 +47,14 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
         VoccError: a value outside its range, or whatever a stage refuses.
     """
     console = terminal.Console()
-    plan = build_plan(settings).locating_with("truth")
+    plan = build_plan(settings)
+    finder, plan = plan.receiver.finder, plan.locating_with("truth")
     # Refused, as a code that is not installed, before anything is trained.
-    demand_no_preambles(plan.receiver.names)
+    for name in plan.receiver.names:
+        if name in GREYSCALE_RECEIVERS:
+            raise VoccError(
+                f"receiver.names has {name}: it needs preambles, which messages do not send"
+            )
     for code in config.codes:
         rate = f"messages.codes has {code}, whose code_rate"
         with (
@@ -62,17 +67,27 @@ def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> No
     with console.status("training"):
         training = train(plan)
     run_folder.say(console, *terminal.trained_lines(training))
-    receivers = receivers_of(build_plan(settings), training)
-    jobs = jobs_of(plan, config, receivers)
+    receivers = {}
+    for name in plan.receiver.names:
+        named = replace(plan, receiver=replace(plan.receiver, save=name))
+        receivers[name] = calibrated_receiver(named, training)
+        receivers[name].locator = finder or receivers[name].locator
+    jobs = [
+        (axis, value, number)
+        for axis in AXES
+        for value in getattr(config, axis)
+        for number in range(config.recordings)
+    ]
+    call = partial(recorded, plan, config, receivers)
     results: dict[Place, Carried] = {}
     pool = executors.Workers.of(settings)
     progress = terminal.ProgressView(len(jobs), console, "recordings")
     with progress as view, pool, timing.threads(1):
-        for job, found in zip(jobs, pool.map(recorded, jobs), strict=True):
+        for (axis, value, _), found in zip(jobs, pool.map(call, jobs), strict=True):
             for place, carried in found.items():
                 before = results.get(place)
                 results[place] = carried if before is None else before + carried
-            view.advance(f"{job.axis} {value_text(job.value)}", 1)
+            view.advance(f"{axis} {value_text(value)}", 1)
     run_folder.write_config(settings, folder)
     rows = [row_of(place, results) for place in results]
     best = [row for row in rows if row["best"]] or rows[:1]
@@ -110,11 +125,12 @@ def figure_of(results: Results) -> plots.Figure:
     for receiver, axis in dict.fromkeys((at.receiver, at.axis) for at in results):
         curves = []
         for code, style in styles.items():
-            line = [
-                at for at in results if at[::2] == (axis, receiver) and at.code == code
-            ]
-            values = [at.value for at in line]
-            curves.append(plots.Curve(style, values, [results[at].loss for at in line]))
+            line = {
+                at.value: carried.loss
+                for at, carried in results.items()
+                if (at.axis, *at[2:]) == (axis, receiver, code)
+            }
+            curves.append(plots.Curve(style, [*line], [*line.values()]))
         label = axis_label(axis)
         drawn.append(
             plots.Panel(curves, receiver, label, "Packets lost", y_scale="linear")

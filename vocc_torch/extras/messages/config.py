@@ -12,10 +12,8 @@ from vocc_torch.errors import (
     within,
 )
 from vocc_torch.extras.messages.signalling import Signalling
+from vocc_torch.recordings import CHANNELS
 
-CHANNELS = ("luma", "max", "red", "green", "blue")
-SOFT = ("scores", "calibrated", "hard")
-FOLLOWS = ("auto", "true", "false")
 PLAN, FRAMES = "plan.yaml", "frames.npy"
 """What a receiver must know, and the film as an array, in the folder of ``task=transmit``."""
 
@@ -107,8 +105,8 @@ class ReceiveConfig:
         demand_word(
             "receive.channel", self.channel, CHANNELS, hint * (self.channel == "auto")
         )
-        demand_word("receive.soft", self.soft, SOFT)
-        demand_word("receive.follow", self.follow, FOLLOWS)
+        demand_word("receive.soft", self.soft, ("scores", "calibrated", "hard"))
+        demand_word("receive.follow", self.follow, ("auto", "true", "false"))
         demand_ranges("receive", self)
 
 

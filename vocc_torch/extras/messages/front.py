@@ -36,6 +36,7 @@ class FrontSettings:
 SETTINGS = FrontSettings()
 
 
+@dataclass(eq=False)
 class Front:
     """Reads frame after frame of one recording.
 
@@ -54,19 +55,16 @@ class Front:
         follows: whether the panel is followed from frame to frame.
     """
 
-    def __init__(
-        self,
-        receiver: Receiver,
-        locate_every: int = 8,
-        soft: str = "scores",
-        follow: str = "auto",
-    ) -> None:
-        self.receiver = receiver
-        self.locate_every = locate_every
-        self.soft = soft
-        self.auto = follow == "auto"
-        self.follows = follow == "true"
-        self.tracker = Tracker(receiver.locator, receiver.shape)
+    receiver: Receiver
+    locate_every: int = 8
+    soft: str = "scores"
+    follow: str = "auto"
+
+    def __post_init__(self) -> None:
+        """Begin without any place of the panel."""
+        self.auto = self.follow == "auto"
+        self.follows = self.follow == "true"
+        self.tracker = Tracker(self.receiver.locator, self.receiver.shape)
         self.found = self.looked = self.frames = 0
         self.corners_px: Tensor | None = None
         self._places: deque[Tensor] = deque(maxlen=SETTINGS.remembered)
@@ -76,7 +74,7 @@ class Front:
     def __call__(self, greys: Sequence[Bytes]) -> Singles:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
         with torch.inference_mode():
-            return self.values(*self.read(*self.locate(greys)), self.soft)
+            return self.values(*self.read(*self.locate(greys)))
 
     @property
     def led_pitch_px(self) -> float | None:
@@ -101,11 +99,11 @@ class Front:
             self._size = self._size or float(decoded.scores[located].abs().median())
         return decoded, located
 
-    def values(self, decoded: Decoded, located: Tensor, soft: str) -> Singles:
+    def values(self, decoded: Decoded, located: Tensor) -> Singles:
         """Give soft values (B,R,C) of frames that were read, zeros where no panel shows."""
-        if soft == "hard":
+        if self.soft == "hard":
             llr = torch.where(decoded.bits, SETTINGS.typical, -SETTINGS.typical)
-        elif soft == "scores" or self.receiver.calibration is None:
+        elif self.soft == "scores" or self.receiver.calibration is None:
             llr = decoded.scores * (SETTINGS.typical / (self._size or 1.0))
         else:
             llr = decoded.llr

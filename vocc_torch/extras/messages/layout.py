@@ -159,7 +159,7 @@ class Layout:
         """Write a block's code words (packets, word_bits) on its symbols, (P,R,C); other cells are random."""
         carried = self._stream.copy()
         carried[self.places] = words ^ self._mask
-        film: Bools = self.known.reshape(self.symbols, -1) > 0
+        film = self.known.reshape(self.symbols, -1) > 0
         film[:, self.data] = carried.reshape(self.symbols, -1)
         return film.reshape(self.known.shape)
 

@@ -1,7 +1,7 @@
 """``task=receive``: a recording in, the message out, or the parts of it that a checksum vouches for."""
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import count
@@ -13,7 +13,7 @@ from vocc_torch.extras.messages.config import PLAN, ReceiveConfig
 from vocc_torch.extras.messages.front import Front
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Assembly, payload_bytes
-from vocc_torch.extras.messages.reception import COLUMNS, Received, received
+from vocc_torch.extras.messages.reception import COLUMNS, received
 from vocc_torch.extras.messages.record_task import with_panel_of
 from vocc_torch.extras.messages.signalling import MessagePlan
 from vocc_torch.files import write_atomically
@@ -89,16 +89,6 @@ def soft_values(
         failures.append(f"interrupted after {front.frames} frames")
 
 
-def packets_sent(
-    layout: Layout, packets: Sequence[Received], ends_s: Sequence[float]
-) -> int:
-    """Count the packets that a recording has time for; without time stamps those of the received blocks."""
-    if not ends_s:
-        return len({packet.block for packet in packets}) * layout.packets
-    symbols = (ends_s[-1] - ends_s[0]) * layout.plan.signalling.symbol_rate_hz
-    return max(1, round(symbols / layout.symbols)) * layout.packets
-
-
 def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None:
     """Receive a message and write it, or what arrived of it under another name, and a row a packet.
 
@@ -126,13 +116,18 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
         frames = view.counted(recording, "receiving")
         values = soft_values(front, frames, config.fps, ends_s, failures)
         packets = [*received(layout, values)]
-    rows = [packet.row() for packet in packets]
-    run_folder.write_rows(folder / "report.csv", [COLUMNS, *rows])
+    rows = [COLUMNS, *(packet.row for packet in packets)]
+    run_folder.write_rows(folder / "report.csv", rows)
     arrived = [packet.packet for packet in packets if packet.packet is not None]
     for packet in arrived:
         assembly.add(packet)
     write_receiver(settings, receiver, folder)
-    sent = packets_sent(layout, packets, ends_s)
+    # The packets that a recording has time for; without time stamps those of the received blocks.
+    blocks = len({packet.block for packet in packets})
+    if ends_s:
+        symbols = (ends_s[-1] - ends_s[0]) * plan.signalling.symbol_rate_hz
+        blocks = max(1, round(symbols / layout.symbols))
+    sent = blocks * layout.packets
     summary = (
         f"{len(arrived)} of {sent} packets arrived in {front.frames} frames; "
         f"the panel was found in {front.found} of {front.looked} frames that were searched"
@@ -144,20 +139,15 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     for content, name in places:
         if content == "message":
             size = (folder / name).stat().st_size
-            run_folder.say(
-                console, f"{name}: {size} bytes, all verified by their checksum"
-            )
-    run_folder.print_places(
-        console,
-        folder,
-        places + [("receiver", "receiver.pt")] * (settings.model is None),
-    )
+            words = f"{name}: {size} bytes, all verified by their checksum"
+            run_folder.say(console, words)
+    places += [("receiver", "receiver.pt")] * (settings.model is None)
+    run_folder.print_places(console, folder, places)
     for doubt in doubts(assembly):
         warnings.warn(f"input {source}: {doubt}", stacklevel=2)
     if not any(message.complete for message in assembly.messages):
-        failures.insert(
-            0, f"input {source}: {lost(assembly, sent, front.led_pitch_px)}"
-        )
+        why = lost(assembly, sent, front.led_pitch_px)
+        failures.insert(0, f"input {source}: {why}")
     if failures:
         raise VoccError("; ".join(failures))
 
@@ -194,20 +184,22 @@ def doubts(assembly: Assembly) -> Iterator[str]:
             f"{assembly.contradictions} packets contradict "
             "the first packet of the same message and number: they are ignored"
         )
-    complete = sum(message.complete for message in assembly.messages)
-    if complete and complete < len(assembly.messages):
-        others = sum(len(message.parts) for message in assembly.messages[complete:])
-        count = len(assembly.messages) - complete
-        yield f"{others} packets of {count} other, incomplete messages are not written"
+    parts = [
+        len(message.parts) for message in assembly.messages if not message.complete
+    ]
+    if 0 < len(parts) < len(assembly.messages):
+        yield (
+            f"{sum(parts)} packets of {len(parts)} other, incomplete messages are not written"
+        )
 
 
 def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
     """Say in words why there is no message, and which packets are missing.
 
     Args:
-            assembly: the packets.
-            sent: packets that the recording has time for.
-            led_pitch_px: between neighbouring LEDs, px, or None where no panel was found.
+        assembly: the packets.
+        sent: packets that the recording has time for.
+        led_pitch_px: between neighbouring LEDs, px, or None where no panel was found.
 
     Example:
         >>> from vocc_torch.extras.messages.packets import Message

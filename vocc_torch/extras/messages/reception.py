@@ -1,7 +1,7 @@
 """From soft values of camera frames to packets: blocks are decoded and checked."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit
@@ -12,6 +12,7 @@ from vocc_torch.extras.messages.combine import Block, blocks_of
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import Packet, packed, unpacked
 from vocc_torch.extras.messages.signalling import MessagePlan
+from vocc_torch.report.folder import Cells
 
 UNSEEN = 0.1
 """Share of a packet's bits that no frame showed clearly, from which on it is the reason of a loss."""
@@ -31,49 +32,26 @@ COLUMNS = (
     "expected_errors",
     "why",
 )
-"""Columns of ``report.csv``."""
+"""Columns of ``report.csv``: ``frames`` that each bit was read from on average; ``corrected``, the wrong bits
+before the code of a packet that arrived, and ``expected_errors``, those that the soft values let expect."""
 
 
-@dataclass(frozen=True)
-class Received:
+class Received(NamedTuple):
     """What happened to one packet.
 
     Args:
         block: number of its block since the recording's begin.
         place: its number in the block.
-        time_s: when the block's first frame was taken, or None.
-        frames: frames that each of its bits was read from, on average.
         unseen: share of its bits that no frame showed.
         packet: what it holds, or None.
-        corrected: wrong bits before the code, counted where the packet arrived.
-        expected_errors: wrong bits before the code that the soft values let expect.
-        why: why it was lost; empty where it arrived.
+        row: its cells of ``report.csv``.
     """
 
     block: int
     place: int
-    time_s: float | None
-    frames: float
     unseen: float
     packet: Packet | None
-    corrected: int | None
-    expected_errors: float
-    why: str
-
-    def row(self) -> list[str | int | float | None]:
-        """The packet's row of ``report.csv``."""
-        return [
-            self.block,
-            self.place,
-            None if self.time_s is None else f"{self.time_s:.4f}",
-            f"{self.frames:.2f}",
-            f"{self.unseen:.4f}",
-            None if self.packet is None else self.packet.sequence,
-            int(self.packet is not None),
-            self.corrected,
-            f"{self.expected_errors:.1f}",
-            self.why,
-        ]
+    row: Cells
 
 
 def film_of(message: bytes, plan: MessagePlan) -> Bools:
@@ -132,23 +110,23 @@ def decoded(block: Block, layout: Layout) -> Iterator[Received]:
     ):
         packet = None if info is None else unpacked(info)
         unseen = float((frames_of_word == 0).mean())
-        expected = float(expit(-np.abs(word)).sum())
-        corrected, why = None, ""
+        sequence = corrected = None
+        why = "too many wrong bits" if info is None else "its checksum does not fit"
         if packet is not None and info is not None:
+            sequence, why = packet.sequence, ""
             corrected = int(((word >= 0) != layout.code.encode([info])[0]).sum())
         elif unseen > UNSEEN:
             why = f"no frame showed {100 * unseen:.0f} % of its bits clearly"
-        else:
-            why = "too many wrong bits" if info is None else "its checksum does not fit"
-        mean = float(frames_of_word.mean())
-        yield Received(
+        row = (
             block.number,
             place,
-            block.time_s,
-            mean,
-            unseen,
-            packet,
+            None if block.time_s is None else f"{block.time_s:.4f}",
+            f"{frames_of_word.mean():.2f}",
+            f"{unseen:.4f}",
+            sequence,
+            int(packet is not None),
             corrected,
-            expected,
+            f"{expit(-np.abs(word)).sum():.1f}",
             why,
         )
+        yield Received(block.number, place, unseen, packet, row)

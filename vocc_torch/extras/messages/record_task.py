@@ -3,12 +3,11 @@
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 
-from vocc_torch.arrays import Bools, Bytes, read_npy
+from vocc_torch.arrays import Bools, Bytes, read_bits
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.config import FRAMES, PLAN, RecordConfig
 from vocc_torch.extras.messages.signalling import MessagePlan
@@ -31,7 +30,7 @@ COLUMNS = ("frame", "taken_s", "symbol", "distance_m", *CORNERS)
 
 def with_panel_of(settings: Settings, plan: MessagePlan) -> Settings:
     """Give the settings with the plan's panel."""
-    sides: Any = asdict(plan.shape)  # the section has both, beside what LedPanel has
+    sides = asdict(plan.shape)  # the section has both, beside what LedPanel has
     return replace(settings, panel=replace(settings.panel, **sides))
 
 
@@ -96,11 +95,7 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
         settings, "task=record needs input=FOLDER, that of task=transmit"
     )
     plan = MessagePlan.read(source / PLAN)
-    film = np.array(read_npy(source / FRAMES, "input"))
-    if film.dtype != np.bool_ or film.shape[1:] != plan.shape.sides or not len(film):
-        raise VoccError(
-            f"input {source / FRAMES} has shape {film.shape}: it must be that of {PLAN}"
-        )
+    film = read_bits(source / FRAMES, "input", plan.shape.sides)
     study = build_plan(with_panel_of(settings, plan))
     simulator = study.world.simulator()
     if not any(

@@ -4,16 +4,35 @@ This is the cross-entropy method (Rubinstein, Methodology and Computing in Appli
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vocc_torch.arrays import Bools, Floats, Integers, Numbers
-from vocc_torch.extras.rare.guess import REACH, SETTINGS, around_leds
 from vocc_torch.extras.rare.scenes import WIDTHS, Component, TiltedScenes, part_of
 from vocc_torch.rng import BLOCK_FRAMES
 from vocc_torch.types import PanelShape
+
+REACH = 2
+"""LEDs around a weak one whose bits are learned."""
+
+
+@dataclass(frozen=True)
+class PilotSettings:
+    """What a pilot draws, and how it learns."""
+
+    nominal_frames: int = 16  # of a block: the scenes that are meant
+    pattern_frames: int = 16  # of a block: patterns that locators may fail at
+    level_blocks: tuple[int, ...] = (32, 32, 32, 32, 32, 64)  # of each look in turn
+    failed_cells: float = 0.5  # a corner so far off is a failed location
+    weakest_leds: int = 256  # of a receiver in a look, or all that were wrong
+    least_effective_leds: int = 48  # that a component is learned from
+    prior_frames: int = 32  # the weight of a pattern's guess
+
+
+SETTINGS = PilotSettings()
 
 
 class PilotFrames(NamedTuple):
@@ -116,6 +135,31 @@ def of_leds(
     return around_leds(
         shape, frames, template, beyond, places, tilts(observed, frame, weights)
     )
+
+
+def around_leds(
+    shape: PanelShape,
+    frames: int,
+    template: Floats,
+    beyond: float,
+    places: Floats,
+    tilts: Mapping[str, Floats],
+) -> Component:
+    """Lay a template of probabilities around each LED.
+
+    Args:
+        shape: of the panel.
+        frames: share of the component, in 64ths.
+        template: (5,5) probability to be On of an LED and those around it.
+        beyond: probability of all other LEDs to be On.
+        places: (R C,) share of each LED.
+        tilts: as of a component.
+    """
+    wide = np.full((shape.leds, *(side + 2 * REACH for side in shape.sides)), beyond)
+    for led in range(shape.leds):
+        row, column = divmod(led, shape.columns)
+        wide[led, row : row + len(template), column : column + len(template)] = template
+    return Component(frames, wide[:, REACH:-REACH, REACH:-REACH], places, tilts)
 
 
 def relearned(component: Component, observed: PilotFrames) -> Component:

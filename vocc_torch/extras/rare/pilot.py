@@ -6,15 +6,23 @@ neighbourhoods and scenes of its weakest LEDs. The proposal is then frozen, and 
 its frames.
 """
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
 import torch
 
-from vocc_torch.extras.rare.guess import SETTINGS, first_guess
-from vocc_torch.extras.rare.learning import PilotFrames, joined, learned
-from vocc_torch.extras.rare.scenes import TiltedScenes
+from vocc_torch.extras.rare.learning import (
+    REACH,
+    SETTINGS,
+    PilotFrames,
+    around_leds,
+    joined,
+    learned,
+)
+from vocc_torch.extras.rare.scenes import Component, TiltedScenes
 from vocc_torch.extras.rare.weights import WeightedCounts
 from vocc_torch.measure import runner
 from vocc_torch.measure.counts import Counts
@@ -25,7 +33,7 @@ from vocc_torch.measure.plan import Locator, Plan
 from vocc_torch.measure.timing import threads
 from vocc_torch.receiver.deciders import Bank, needs_preambles
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
-from vocc_torch.simulation import SceneModel
+from vocc_torch.types import PanelShape
 
 Banks = Mapping[Locator, Bank]
 
@@ -53,36 +61,22 @@ class WeighedJob(runner.Job):
 
 
 def weighed_job(job: runner.Job, workers: Workers) -> WeighedJob:
-    """Give what counts a point on frames where errors are expected instead of those of its scenes."""
-    banks = {locator: bank for locator, bank, _ in job.banks}
-    scenes = proposal(job.plan, banks, job.model, job.point, workers)
-    return WeighedJob(job.plan, scenes, job.point, job.banks, job.name)
+    """Give what counts a point on frames where errors are expected instead of those of its scenes.
 
-
-def proposal(
-    plan: Plan, banks: Banks, model: SceneModel, point: str, workers: Workers
-) -> TiltedScenes:
-    """Find where a point's errors come from, by a pilot whose frames are not counted.
-
-    The pilot's blocks have keys of their own and are computed one by one on one thread, so neither workers
-    nor the size of a batch change the proposal.
-
-    Args:
-        plan: the study.
-        banks: the receivers, trained with each of the locators, by the locator.
-        model: the scenes that are meant.
-        point: the point's name.
-        workers: look at the blocks.
+    A pilot, whose frames are not counted, finds where the point's errors come from. Its blocks have keys of
+    their own and are computed one by one on one thread, so neither workers nor the size of a batch change the
+    proposal.
     """
-    shape = plan.world.panel.shape
+    banks = {locator: bank for locator, bank, _ in job.banks}
+    shape = job.plan.world.panel.shape
     guess = first_guess(shape, locates=any(bank != "truth" for bank in banks))
-    scenes = TiltedScenes.of(model, guess)
-    looks: list[PilotFrames] = []
+    scenes = TiltedScenes.of(job.model, guess)
+    looks = []
     for level, blocks in enumerate(SETTINGS.level_blocks):
-        call = partial(look, plan, banks, scenes, f"{point}/pilot/{level}")
+        call = partial(look, job.plan, banks, scenes, f"{job.point}/pilot/{level}")
         looks.append(joined([*workers.map(call, range(blocks))]))
-        scenes = TiltedScenes.of(model, learned(scenes, looks, shape))
-    return scenes
+        scenes = TiltedScenes.of(job.model, learned(scenes, looks, shape))
+    return WeighedJob(job.plan, scenes, job.point, job.banks, job.name)
 
 
 def look(
@@ -111,3 +105,44 @@ def look(
     weights = scenes.weights(placed, bits)
     sides = torch.stack(margins, dim=1).numpy(), torch.stack(failed, dim=1).numpy()
     return PilotFrames(placed, bits, weights, *sides)
+
+
+def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
+    """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns."""
+    components = [
+        Component.nominal(SETTINGS.nominal_frames, shape),
+        patterns(
+            shape, SETTINGS.pattern_frames if locates else SETTINGS.pattern_frames // 4
+        ),
+    ]
+    frames_left = BLOCK_FRAMES - sum(component.frames for component in components)
+    side = 2 * REACH + 1
+    chances = [(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]
+    for rate, near in chances:
+        template = np.full((side, side), 0.5)
+        template[1:-1, 1:-1] = near
+        template[REACH, REACH] = rate
+        places = np.full(shape.leds, 1 / shape.leds)
+        components.append(
+            around_leds(shape, frames_left // len(chances), template, 0.5, places, {})
+        )
+    return components
+
+
+def patterns(shape: PanelShape, frames: int) -> Component:
+    """Up to three rows or columns that are dark, neighbours or outer ones, and few or many LEDs On."""
+    maps = []
+    for axis, lines in enumerate(shape.sides):
+        for width in range(1, min(4, lines)):
+            for first in range(lines - width + 1):
+                map_of_rates = np.full(shape.sides, 0.5)
+                map_of_rates.swapaxes(0, axis)[first : first + width] = 0.05
+                maps.append(map_of_rates)
+    for dark in itertools.product(range(3), repeat=4):
+        if sum(dark) <= 3 and dark.count(0) < 3:
+            top, bottom, left, right = dark
+            map_of_rates = np.full(shape.sides, 0.05)
+            map_of_rates[top : shape.rows - bottom, left : shape.columns - right] = 0.5
+            maps.append(map_of_rates)
+    maps += [np.full(shape.sides, share) for share in (0.1, 0.25, 0.75, 0.9)]
+    return Component(frames, np.stack(maps), np.full(len(maps), 1 / len(maps)))

@@ -70,22 +70,23 @@ class WeightedCounts(Counts):
             weights: (N,) each frame's weight, at least 0.
             nominal: share of the frames, in 64ths, that come from the scenes that are meant.
         """
-        wrong = np.flatnonzero(halves).tolist()
-        pairs = [
-            (round(float(weights[i]) / WEIGHT_UNIT), int(halves[i])) for i in wrong
-        ]
+        wrong = halves != 0
+        # Python's whole numbers, which hold any sum.
+        h = halves[wrong].astype(object)
+        units = [round(weight / WEIGHT_UNIT) for weight in weights[wrong].tolist()]
+        weighted = np.array(units, dtype=object) * h
         return cls(
             frames=len(halves),
             bits=len(halves) * leds,
-            half_errors=sum(h for _, h in pairs),
-            half_errors_squared=sum(h * h for _, h in pairs),
-            frame_errors=len(wrong),
+            half_errors=h.sum(),
+            half_errors_squared=(h**2).sum(),
+            frame_errors=len(h),
             panels_missed=int((found == 0).sum()),
             nominal=len(halves) * nominal,
-            weighted=sum(w * h for w, h in pairs),
-            weighted_squares=sum(w * h * h for w, h in pairs),
-            squares=sum((w * h) ** 2 for w, h in pairs),
-            fourths=sum((w * h) ** 4 for w, h in pairs),
+            weighted=weighted.sum(),
+            weighted_squares=(weighted * h).sum(),
+            squares=(weighted**2).sum(),
+            fourths=(weighted**4).sum(),
         )
 
     @property
