@@ -2,11 +2,10 @@
 
 import functools
 import inspect
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
-from numbers import Integral, Real
+from numbers import Integral
 from pathlib import Path
 from types import GenericAlias, NoneType, UnionType
 from typing import (
@@ -19,14 +18,14 @@ from typing import (
     get_type_hints,
 )
 
-from vocc_torch.errors import VoccError, shown, whole_number
+from vocc_torch.errors import VoccError, is_finite, shown, whole_number
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 LEAST = {"seed": 0, "turn": 0}
 """The least of a whole number by its name; of any other it is 1."""
-NUMBERS = {int: Integral, float: Real}
+
 WORDS = {
     int: "a whole number",
     float: "a finite number",
@@ -101,12 +100,12 @@ def fits(value: Any, hint: Any) -> bool:
     if isinstance(hint, UnionType):
         return any(fits(value, part) for part in get_args(hint))
     kind, parts = get_origin(hint) or hint, get_args(hint)
-    if isinstance(value, bool) and kind in NUMBERS:
+    if kind is int and isinstance(value, bool):
         return False
     if kind is Literal:
         return value in parts
-    if kind is float and isinstance(value, Real):
-        return bool(abs(value) <= sys.float_info.max)  # type: ignore[operator]
+    if kind is float:
+        return is_finite(value)
     if kind is Sequence:
         with suppress(Exception):  # a tensor without values has no list of them
             value = getattr(value, "tolist", lambda: value)()
@@ -117,7 +116,7 @@ def fits(value: Any, hint: Any) -> bool:
         return isinstance(value, Mapping) and all(
             fits(key, parts[0]) and fits(item, parts[1]) for key, item in value.items()
         )
-    return isinstance(value, NUMBERS.get(kind, kind))
+    return isinstance(value, Integral if kind is int else kind)
 
 
 def allowed(hint: Any, words: Mapping[Any, str] = WORDS) -> str:

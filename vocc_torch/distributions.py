@@ -8,7 +8,7 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vocc_torch.errors import VoccError, section
+from vocc_torch.errors import VoccError, is_finite, section
 
 SCENE_RANGES = {
     "ambient_lx": (0.0, 1e12),
@@ -33,9 +33,9 @@ def demand_in_range(name: str, low: float, high: float) -> None:
     Example:
         >>> demand_in_range("distance_m", 30.0, 70.0)
     """
-    least, most = SCENE_RANGES[name]
-    if low < least or (low == least and name in ABOVE_LOWEST):
-        rule = "above" if name in ABOVE_LOWEST else "at least"
+    (least, most), above = SCENE_RANGES[name], name in ABOVE_LOWEST
+    if low < least or (above and low == least):
+        rule = "above" if above else "at least"
         raise VoccError.of(f"scene.{name}", f"{low:g}", f"{rule} {least:g}")
     if high > most:
         raise VoccError.of(f"scene.{name}", f"{high:g}", f"at most {most:g}")
@@ -48,15 +48,6 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 LARGEST = float(np.finfo(np.float64).max)
-
-
-def _is_finite(value: object) -> bool:
-    """Whether a value is a number, and one that float64 holds."""
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and abs(value) <= LARGEST
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,17 +79,19 @@ class Distribution:
             raise VoccError(
                 f"{shown} has an unknown kind: it must be one of {', '.join(KINDS)}"
             )
-        expected = {"constant": 1, "uniform": 2, "log_uniform": 2}.get(
-            self.kind, max(1, len(self.values))
-        )
-        if len(self.values) != expected or not all(map(_is_finite, self.values)):
+        numbers = {"constant": 1, "choice": max(1, len(self.values))}
+        expected = numbers.get(self.kind, 2)
+        if len(self.values) != expected or not all(map(is_finite, self.values)):
             raise VoccError(f"{shown} must have {expected} finite values")
         object.__setattr__(self, "values", tuple(map(float, self.values)))
-        if self.kind in ("uniform", "log_uniform") and self.values[0] > self.values[1]:
+        if "uniform" not in self.kind:
+            return
+        low, high = self.values
+        if low > high:
             raise VoccError(f"{shown}: low must not exceed high")
-        if self.kind == "log_uniform" and self.values[0] <= 0:
+        if self.kind == "log_uniform" and low <= 0:
             raise VoccError(f"{shown}: a log_uniform low must be above 0")
-        if self.kind == "uniform" and self.values[1] - self.values[0] > LARGEST:
+        if high - low > LARGEST:
             raise VoccError(
                 f"{shown}: high must not exceed low by more than {LARGEST:g}"
             )
@@ -138,11 +131,13 @@ class Distribution:
         if self.kind in ("constant", "choice"):
             place = (share * len(self.values)).astype(np.int64)
             return np.array(self.values)[place]
-        is_log = self.kind == "log_uniform"
-        low, high = map(math.log, self.values) if is_log else self.values
-        found: NDArray[np.float64] = low + (high - low) * share
-        found = np.exp(found) if is_log else found
-        return found.clip(*self.bounds)  # rounding can carry a draw a hair beyond
+        low, high = self.values
+        if self.kind == "log_uniform":
+            low, high = math.log(low), math.log(high)
+            share = np.exp(low + (high - low) * share)
+        else:
+            share = low + (high - low) * share
+        return share.clip(*self.bounds)  # rounding can carry a draw a hair beyond
 
 
 def parsed_scene(

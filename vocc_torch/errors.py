@@ -2,12 +2,13 @@
 
 import difflib
 import math
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, field, fields
 from importlib import import_module
 from numbers import Integral, Real
-from typing import Any, Self
+from typing import Any, Self, TypeGuard
 
 MOST_COUNT = 1e15
 """Most of anything that is counted; float64 holds every whole number up to it."""
@@ -143,9 +144,8 @@ def told_known(given: object, known: Iterable[str]) -> str:
     """
     names = list(known)
     near = difflib.get_close_matches(str(given), names, n=1)
-    return (
-        f"did you mean {near[0]}? " if near else ""
-    ) + f"known: {', '.join(names) or 'none'}"
+    hint = "".join(f"did you mean {name}? " for name in near)
+    return f"{hint}known: {', '.join(names) or 'none'}"
 
 
 def demand_kind(name: str, value: object, *kinds: type) -> None:
@@ -165,6 +165,17 @@ def demand_kind(name: str, value: object, *kinds: type) -> None:
         )
 
 
+def is_finite(value: object) -> TypeGuard[float]:
+    """Whether a value is a number that float64 holds, also one of NumPy; true and false are none.
+
+    Example:
+        >>> is_finite(10**400), is_finite(True), is_finite(3)
+        (False, False, True)
+    """
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    return is_number and bool(abs(value) <= sys.float_info.max)  # type: ignore[arg-type]
+
+
 def finite_number(name: str, value: object, allowed: str = "a finite number") -> float:
     """Give a finite real number, also one of NumPy, as a float, or refuse it by name.
 
@@ -180,15 +191,8 @@ def finite_number(name: str, value: object, allowed: str = "a finite number") ->
         >>> finite_number("scene.distance_m", 50)
         50.0
     """
-    try:
-        if (
-            isinstance(value, Real)
-            and not isinstance(value, bool)
-            and math.isfinite(value)
-        ):
-            return float(value)
-    except OverflowError:
-        pass
+    if is_finite(value):
+        return float(value)
     raise VoccError.of(name, shown(value), allowed)
 
 
@@ -271,9 +275,8 @@ def whole_number(name: str, value: object, low: int, high: int | None = None) ->
     if is_whole and low <= number and (high is None or number <= high):
         return number
     rule = f"at least {low}" + (f" and at most {high}" if high is not None else "")
-    if high is not None or not is_whole:
-        rule = f"a whole number, {rule}"
-    raise VoccError.of(name, shown(value), rule)
+    kind = "a whole number, " * (high is not None or not is_whole)
+    raise VoccError.of(name, shown(value), kind + rule)
 
 
 def within(

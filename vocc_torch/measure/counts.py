@@ -99,6 +99,11 @@ class Counts(Tally):
         return self.half_errors / 2
 
     @property
+    def errors_per_frame_error(self) -> float:
+        """Mean wrong bits of a wrong frame, at least 1; 1 without errors."""
+        return max(1.0, self.bit_errors / max(1, self.frame_errors))
+
+    @property
     def location_share(self) -> float | None:
         """Share of the wrong bits in frames whose panel was missed or misplaced; None without errors."""
         return (

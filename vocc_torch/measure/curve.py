@@ -160,21 +160,18 @@ class Point(PointKey):
         """Give the point with its bit error rate and the 95 % interval.
 
         Args:
-            errors_per_frame_error: assumed wrong bits of a wrong frame if no frame is wrong; at most the bits of a
-                frame.
+            errors_per_frame_error: assumed wrong bits of a wrong frame if no frame is wrong.
 
         Raises:
             VoccError: a value that is not finite.
         """
         counts = self.counts
-        # The size comes from points whose panels may have more LEDs.
-        size = min(errors_per_frame_error, counts.bits / counts.frames)
-        interval = ber_interval(counts, errors_per_frame_error=size)
+        interval = ber_interval(counts, CONFIDENCE, errors_per_frame_error)
         columns = dict(counts.columns)
         if not columns and self.locator != "truth":
             columns["location_share"] = counts.location_share
         if (of := self.trained) is not None:
-            found = of.interval(errors_per_frame_error=size)
+            found = of.interval(CONFIDENCE, errors_per_frame_error)
             columns |= {"trainings": len(of.counts), "ber_mean": found.value}
             columns |= {"algorithm_low": found.low, "algorithm_high": found.high}
             columns |= {"ber_best": min(of.rates), "ber_worst": max(of.rates)}
@@ -236,15 +233,12 @@ class BerTable:
         for point in results:
             if isinstance(point, Point):
                 totals[point.receiver] = point.counts + totals.get(point.receiver, 0)
-        typical = {
-            name: max(1.0, n.bit_errors / max(1, n.frame_errors))
-            for name, n in totals.items()
-        }
-        stated = (
-            point.stated(typical[point.receiver]) if isinstance(point, Point) else point
+        self.rows = tuple(
+            point.stated(totals[point.receiver].errors_per_frame_error)
+            if isinstance(point, Point)
+            else point
             for point in results
         )
-        self.rows = tuple(stated)
         self.experiment, self.axis = self._only("experiment"), self._only("axis")
         self.values = tuple(sorted({row.value for row in self.rows}))
         self.receivers = tuple(dict.fromkeys(row.receiver for row in self.rows))

@@ -141,8 +141,8 @@ def ber_interval(
     Args:
         counts: at least one frame; where there are errors, at most ``MOST_TRIALS`` bits.
         confidence: above 0, below 1.
-        errors_per_frame_error: mean wrong bits in a wrong frame, above 0, at most the bits of a frame; used
-            only where no errors were seen.
+        errors_per_frame_error: mean wrong bits in a wrong frame, above 0; a number above the bits of a frame
+            counts as these. Used only where no errors were seen.
 
     Returns:
         The bit error rate of ``counts`` with its interval.
@@ -153,12 +153,12 @@ def ber_interval(
         (0.0, 2.34e-05)
     """
     ber, bits_per_frame = counts.ber, counts.bits / counts.frames
-    weighed = counts.interval(confidence, errors_per_frame_error)
-    if weighed is not None:
+    size = min(errors_per_frame_error, bits_per_frame)
+    if (weighed := counts.interval(confidence, size)) is not None:
         return weighed
     if counts.half_errors == 0:
         limit = error_free_limit(counts.frames, confidence)
-        return Estimate(ber, 0.0, limit * errors_per_frame_error / bits_per_frame)
+        return Estimate(ber, 0.0, limit * size / bits_per_frame)
     # A missed panel of a single LED is half a bit error: the only wrong frame with less than one.
     fewest = min(1.0, bits_per_frame / 2)
     frames_in_error = counts.half_errors**2 / counts.half_errors_squared

@@ -1,9 +1,10 @@
 """The whole link on blocks of frames: simulate, locate, read; one observation for every receiver."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from typing import Self, TypeVar
+from typing import Self
 
 import torch
 
@@ -14,7 +15,7 @@ from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.reader import GREYS, Reader, Readings
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey, FrameKey
 from vocc_torch.simulation import SceneModel, Simulator
-from vocc_torch.types import Frames, Panels, Scene
+from vocc_torch.types import Frames, Panels, Scene, without_autocast
 
 
 @dataclass(frozen=True)
@@ -27,9 +28,6 @@ class LinkLimits:
 
 
 LIMITS = LinkLimits()
-
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +72,9 @@ class Observation:
     @cached_property
     def preambles(self) -> Preambles | None:
         """Grey levels of the preambles, if they were rendered."""
-        known = self.takes[1:]
-        places = self.preamble_panels or [self.panels] * len(known)
-        pairs = zip(known, places, strict=True)
+        takes = self.takes[1:]
+        places = self.preamble_panels or [self.panels] * len(takes)
+        pairs = zip(takes, places, strict=True)
         lit = [self.reader.read(*pair, GREYS).greys for pair in pairs]
         return Preambles(*lit) if lit else None
 
@@ -113,19 +111,17 @@ class Link:
     ) -> None:
         self.simulator, self.locator, self.reader = simulator, locator, reader
         self.locates_preambles = locates_preambles
-        samples = (
-            (reader.shape.rows + 2)
-            * (reader.shape.columns + 2)
-            * reader.samples_per_led**2
+        samples = math.prod(
+            (n + 2) * reader.samples_per_led for n in reader.shape.sides
         )
         self.batch_frames = max(1, min(batch_frames, LIMITS.most_samples // samples))
 
     @classmethod
     def of(cls, plan: Plan) -> Self:
         """Build the link that a plan describes."""
-        simulator, receiver = plan.world.simulator(), plan.receiver
+        receiver = plan.receiver
         return cls(
-            simulator,
+            plan.world.simulator(),
             receiver.finder,
             receiver.reader,
             plan.batch_frames,
@@ -182,10 +178,10 @@ class Link:
             truth = cache(partial(simulator.true_panels, scene, names, rendered=True))
             observations = {}
             for name, locator in locators.items():
-                with torch.autocast(simulator.device.type, enabled=False):
-                    panels = self._located(locator, takes, truth)
+                with without_autocast(simulator.device):
+                    panels, *others = self._located(locator, takes, truth)
                 observations[name] = Observation(
-                    scene, bits, panels[0], takes, self.reader, truth, panels[1:]
+                    scene, bits, panels, takes, self.reader, truth, tuple(others)
                 )
             yield observations
 
@@ -194,17 +190,18 @@ class Link:
         locator: PanelLocator | None,
         takes: tuple[Frames, ...],
         truth: Callable[[], Panels],
-    ) -> tuple[Panels, ...]:
+    ) -> Iterator[Panels]:
         """Locate the panel in the test frames, and in each preamble where that is wanted."""
         if locator is None:
-            return (truth(),)
-        searched = takes if self.locates_preambles else takes[:1]
-        first, *others = (locator(take, self.reader.shape) for take in searched)
-        corners = (
-            torch.where(other.found[:, None, None], other.corners_px, first.corners_px)
-            for other in others
-        )
-        return first, *map(Panels.known, corners)
+            yield truth()
+            return
+        yield (first := locator(takes[0], self.reader.shape))
+        for take in takes[1:] if self.locates_preambles else ():
+            other = locator(take, self.reader.shape)
+            is_found = other.found[:, None, None]
+            yield Panels.known(
+                torch.where(is_found, other.corners_px, first.corners_px)
+            )
 
 
 def misplaced(
@@ -262,9 +259,10 @@ def rendered(
         preambles: whether the all-On and the all-Off frame of each scene follow it.
         panel_only: whether the panel's corners are known to all that look.
     """
-    drawn = [model.draw(key, simulator.panel.shape) for key in keys]
-    device, scenes = simulator.device, Scene.cat([scene for scene, _ in drawn])
-    sent = torch.cat([bits for _, bits in drawn])
+    drawn = (model.draw(key, simulator.panel.shape) for key in keys)
+    of_blocks, bits_of_blocks = zip(*drawn, strict=True)
+    scenes, sent = Scene.cat(of_blocks), torch.cat(bits_of_blocks)
+    device = simulator.device
     names = [FrameKey(key, frame) for key in keys for frame in range(BLOCK_FRAMES)]
     # Small crops are rendered together, which costs less; whole frames take by take, for their memory.
     far = any(
@@ -279,7 +277,7 @@ def rendered(
         if preambles:
             shown |= {"on": torch.ones_like(bits), "off": torch.zeros_like(bits)}
         for some in [list(shown)] if together else [[take] for take in shown]:
-            with torch.autocast(device.type, enabled=False):
+            with without_autocast(device):
                 pictures = simulator.render(
                     Scene.cat([scene] * len(some)),
                     torch.cat([shown[take] for take in some]),

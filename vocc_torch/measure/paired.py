@@ -124,18 +124,12 @@ def paired_interval(
         >>> f"{interval.value:.2e} in [{interval.low:.2e}, {interval.high:.2e}]", interval.real
         ('1.56e-04 in [4.27e-05, 2.86e-04]', True)
     """
-    difference = paired.difference
-    sides = paired.sides
+    difference, sides = paired.difference, paired.sides
     if not paired.discordant:
         limit = ber_interval(sides[0], confidence, errors_per_discordant_frame).high
         return Estimate(0.0, -limit, limit)
     a, b = (excess_interval(side, paired, confidence) for side in sides)
-    # The product of the two sides' excess is 0 in every frame.
-    correlation, product = 0.0, paired.a_excess * paired.b_excess
-    if product:
-        correlation = max(
-            -1.0, -product / math.sqrt(sides[0].spread) / math.sqrt(sides[1].spread)
-        )
+    correlation = _correlation(sides[0].spread, sides[1].spread, paired.spread)
 
     def joined(first: float, second: float) -> float:
         return math.sqrt(first**2 + second**2 - 2 * correlation * first * second)
@@ -236,15 +230,12 @@ def relative_gain(
     if not a.half_errors:
         return None
     rate, gain = ber_interval(a, confidence), difference.value / a.ber
-    ends = mover_ratio(
-        difference, rate, _correlation(paired.spread, a.spread, b.spread)
-    )
+    spreads = a.spread, b.spread, paired.spread
+    ends = mover_ratio(difference, rate, _correlation(spreads[2], *spreads[:2]))
     low = ends.low
     if low > 0:
         most = Estimate(b.ber, b.ber, b.ber + _reach(b, a, confidence)[1])
-        left = mover_ratio(
-            most, rate, _correlation(a.spread, b.spread, paired.spread)
-        ).high
+        left = mover_ratio(most, rate, _correlation(*spreads)).high
         low = min(low, max(1 - left, difference.low / rate.high))
     return Estimate(gain, min(low, gain), min(1.0, max(ends.high, gain)))
 
@@ -311,31 +302,20 @@ def difference_independent(a: Counts, b: Counts, confidence: float = 0.95) -> Es
         >>> f"{interval.value:.1e} in [{interval.low:.1e}, {interval.high:.1e}]", interval.real
         ('4.7e-04 in [2.5e-04, 7.0e-04]', True)
     """
-    (a_below, a_above), (b_below, b_above) = (
-        _reach(a, b, confidence),
-        _reach(b, a, confidence),
-    )
+    a_below, a_above = _reach(a, b, confidence)
+    b_below, b_above = _reach(b, a, confidence)
     difference = a.ber - b.ber
-    low, high = (
-        difference - math.hypot(a_below, b_above),
-        difference + math.hypot(a_above, b_below),
-    )
+    low = difference - math.hypot(a_below, b_above)
+    high = difference + math.hypot(a_above, b_below)
     return Estimate(difference, max(-1.0, low), min(1.0, high))
 
 
 def _reach(counts: Counts, other: Counts, confidence: float) -> tuple[float, float]:
     """Give how far a rate's interval reaches below and above it."""
-    if counts.half_errors or not counts.frames:
-        interval = ber_interval(counts, confidence)
-    else:
+    if not counts.half_errors:
         # The limit of an error-free point is one-sided; a two-sided interval leaves half as much above it.
-        size = min(
-            max(1.0, other.bit_errors / max(1, other.frame_errors)),
-            counts.bits / counts.frames,
-        )
-        interval = ber_interval(
-            counts, min((1 + confidence) / 2, math.nextafter(1.0, 0.0)), size
-        )
+        confidence = min((1 + confidence) / 2, math.nextafter(1.0, 0.0))
+    interval = ber_interval(counts, confidence, other.errors_per_frame_error)
     return counts.ber - interval.low, interval.high - counts.ber
 
 
@@ -412,10 +392,7 @@ def rate_ratio(
     gain = relative_gain(reference, receiver, paired)
     if gain is None:
         return None
-    size = min(
-        max(1.0, reference.bit_errors / reference.frame_errors),
-        reference.bits / reference.frames,
-    )
+    size = reference.errors_per_frame_error
     interval = ber_interval(receiver, errors_per_frame_error=size)
     apart = mover_ratio(interval, ber_interval(reference))
     low, high = max(apart.low, 1 - gain.high), min(apart.high, 1 - gain.low)

@@ -10,7 +10,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 import torch
@@ -153,22 +153,24 @@ class Job:
             frames=frames,
         )
         for views in every:
-            decided = list(self.decisions(views))
-            rows = [
-                half_errors(bits, view.bits, view.panels.found)
-                for bits, view in decided
-            ]
-            rows += [view.panels.found.long() for _, view in decided]
-            rows += [view.misplaced.long() for _, view in decided]
+            rows = (
+                (
+                    half_errors(bits, view.bits, found),
+                    found.long(),
+                    view.misplaced.long(),
+                )
+                for bits, view in self.decisions(views)
+                for found in [view.panels.found]
+            )
             seen = next(iter(views.values()))
-            rows.append(group_of(self.plan.experiment, link, seen))
-            batches.append(torch.stack(rows))
+            groups = group_of(self.plan.experiment, link, seen)
+            kinds = itertools.chain(*zip(*rows, strict=True))
+            batches.append(torch.stack([*kinds, groups]))
         numbers = torch.cat(batches, dim=1).cpu().numpy()
         return FrameErrors(numbers, link.reader.shape.leds, self.keys)
 
     def __call__(self, parts: Sequence[Part]) -> list[bytes]:
         """Count some blocks; of these only the last may be used in part."""
-        assert all(part.frames == BLOCK_FRAMES for part in parts[:-1]), parts
         errors = self.count(
             [part.block for part in parts], sum(part.frames for part in parts)
         )
@@ -180,8 +182,7 @@ class Job:
 
     def read(self, content: bytes, part: Part) -> FrameErrors:
         """Give the errors that a block's bytes say."""
-        leds = self.plan.world.panel.shape.leds
-        experiment = self.plan.experiment
+        leds, experiment = self.plan.world.panel.shape.leds, self.plan.experiment
         errors = FrameErrors.unpacked(content, part.frames, leds, self.keys)
         # Frames may lie in none of several bins.
         least = -1 if experiment.axis == "contrast" else 0
@@ -193,13 +194,11 @@ class Job:
 
     def tallies(self, errors: FrameErrors, part: Part) -> Tallies:
         """Count the errors of each receiver in each group of a block's frames."""
-        found: dict[tuple[Key, int], Counts] = {}
-        for group, some in errors.by_group():
-            found |= {
-                (key, group): counts
-                for key, counts in zip(some.keys, some.counts, strict=True)
-            }
-        return found
+        return {
+            (key, group): counts
+            for group, some in errors.by_group()
+            for key, counts in zip(some.keys, some.counts, strict=True)
+        }
 
 
 @dataclass(frozen=True)
@@ -240,12 +239,11 @@ class PointTask:
     rule: Budget
     store: Store | None = None
     progress: Progress = lambda frames: None
-    counts: dict[tuple[Key, int], Counts] = field(default_factory=dict, init=False)
-    stopped_by: str = field(default="", init=False)
-    exhausted: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         """Lay the blocks out."""
+        self.counts: dict[tuple[Key, int], Counts] = {}
+        self.stopped_by, self.exhausted = "", False
         self._parts = parts_of(self.rule.frames)
         self._waiting: dict[int, tuple[Part, bytes]] = {}
         self._added: list[FrameErrors] = []
@@ -257,9 +255,9 @@ class PointTask:
             not taken or BLOCK_FRAMES * (taken[-1].block + 1) >= self.rule.frames
         )
         for part in taken:
-            content = (
-                None if self.store is None else self.store.find(self.job.rows, *part)
-            )
+            content = None
+            if self.store is not None:
+                content = self.store.find(self.job.rows, *part)
             if content is None:
                 missing.append(part)
             else:
@@ -306,25 +304,20 @@ def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:
         'frame_errors'
     """
     # A receiver gets the frames that it would get alone, so its numbers do not depend on other trainings.
-    counts = {
-        label: counts for label, counts in tallies.items() if label[0].training == 0
-    }
+    counts = [(key, each) for (key, _), each in tallies.items() if not key.training]
     if counts and rule.target_frame_errors is not None:
         errors = Counter[Key]()
-        for (key, _), counted in counts.items():
+        for key, counted in counts:
             errors[key] += counted.frame_errors
         if min(errors.values()) >= rule.target_frame_errors:
             return "frame_errors"
     power_of_two = 1 << (blocks.bit_length() - 1)
-    if (
-        not counts
-        or rule.precision is None
-        or blocks % max(FIRST_LOOK_BLOCKS, power_of_two // 16)
-    ):
+    looks = blocks % max(FIRST_LOOK_BLOCKS, power_of_two // 16) == 0
+    if not (counts and looks) or rule.precision is None:
         return None
     precise = (
         intervals.precise_enough(counted, rule.precision, rule.least_ber)
-        for counted in counts.values()
+        for _, counted in counts
     )
     return "precision" if all(precise) else None
 
@@ -376,12 +369,9 @@ def count(
                     point.add()
             else:
                 return
-            for future in [
-                future
-                for future, (point, _) in calls.items()
-                if point.stopped_by and future.cancel()
-            ]:
-                del calls[future]
+            for future, (point, _) in [*calls.items()]:
+                if point.stopped_by and future.cancel():
+                    del calls[future]
     finally:
         _end(calls, workers)
 

@@ -7,8 +7,9 @@ from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import resources
+from pathlib import PurePath
 from types import NoneType
-from typing import TYPE_CHECKING, Any, TypeVar, cast, get_origin
+from typing import TYPE_CHECKING, Any, cast, get_origin
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
@@ -29,7 +30,6 @@ from vocc_torch.errors import VoccError, shown
 if TYPE_CHECKING:
     from vocc_torch.measure.config import SceneSettings
 
-Section = TypeVar("Section")
 
 MOST_BRACKETS = 64
 """Most brackets of a kind in a word: the parser calls itself for each."""
@@ -54,10 +54,8 @@ def options_of(group: str) -> list[str]:
     """
     folder = resources.files("vocc_torch.conf").joinpath(group)
     files = folder.iterdir() if folder.is_dir() else ()
-    names = (entry.name for entry in files)
-    return sorted(
-        name.removesuffix(".yaml") for name in names if name.endswith(".yaml")
-    )
+    paths = [PurePath(entry.name) for entry in files]
+    return sorted(path.stem for path in paths if path.suffix == ".yaml")
 
 
 @cache
@@ -112,7 +110,7 @@ def unknown_key(key: str, keys: Mapping[str, Any]) -> str:
     section, point, name = key.partition(".")
     if section in RENAMED:
         return f"{key} is not a known key: it is {RENAMED[section]}{point}{name} now"
-    near = difflib.get_close_matches(key, keys, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(key, keys, n=1)
     hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
     return f"{key} is not a known key: {hint}"
 

@@ -149,8 +149,8 @@ def train(plan: Plan, progress: Progress = untold) -> Training:
 
 
 def parts_of(plan: Plan) -> list[Plan]:
-    """Split a plan into one per trained part: FLDA, and each classifier. None saves the plan's receiver."""
-    receiver = replace(plan.receiver, save="flda_3")
+    """Split a plan into one per trained part: FLDA, and each classifier."""
+    receiver = plan.receiver
     alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
     alone += [
         replace(receiver, names=(recipe.name,), classifiers=(recipe,))
@@ -177,9 +177,7 @@ def train_part(plan: Plan, progress: Progress = untold) -> Training:
     return replace(trainings[0], further=tuple(trainings[1:]))
 
 
-def train_flda(
-    plan: Plan, link: Link, number: int, progress: Progress = untold
-) -> Training:
+def train_flda(plan: Plan, link: Link, number: int, progress: Progress) -> Training:
     """Train FLDA, and keep some of its features for figures; arguments as :func:`train_classifier`.
 
     Raises:
@@ -218,18 +216,16 @@ def train_flda(
 
 def training_key(plan: Plan) -> str:
     """Name all that the trained receivers of a plan depend on; of the experiment only its training scenes."""
-    receiver = replace(plan.receiver, save="flda_3")
-    settings = identity(replace(plan, receiver=receiver), [receiver.locator])
+    settings = identity(plan, [plan.receiver.locator])
     return canonical({**settings, "experiment": settings["experiment"]["training"]})
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
     """Put the receiver together that the plan keeps, ready to decode recordings and to be saved."""
     name = plan.receiver.save
-    learned = training.classifiers.get(name)
-    classifier = (
-        training.flda.select(feature_indices(name)) if learned is None else learned
-    )
+    classifier: Any = training.classifiers.get(name)
+    if classifier is None:
+        classifier = training.flda.select(feature_indices(name))
     # Nobody knows the true corners in a recording: there the paper's locator stands in for them.
     locator = plan.receiver.finder or plan.receiver.location
     return Receiver(name, locator, plan.receiver.reader, classifier)
@@ -244,15 +240,14 @@ def calibrated_receiver(plan: Plan, training: Training) -> Receiver:
     model = plan.experiment.training_model(plan.world)
     keys = block_keys(plan.seed, "calibrate", frames)
     receiver = trained_receiver(plan, training).to(link.simulator.device)
-    scores, bits, looks = [], [], []
-    for observation in link.observe(model, keys, preambles=False, frames=frames):
-        found = observation.panels.found
-        scores.append(receiver.score(observation.readings)[found].cpu())
-        bits.append(observation.bits[found].cpu())
-        looks.append(appearance(observation.readings)[found].cpu())
-    if len(look := torch.cat(looks)):
-        receiver.calibration = Calibration.of(torch.cat(scores), torch.cat(bits))
-        receiver.trained_on = ranges_of(look)
+    batches = []
+    for seen in link.observe(model, keys, preambles=False, frames=frames):
+        columns = receiver.score(seen.readings), seen.bits, appearance(seen.readings)
+        batches.append([column[seen.panels.found].cpu() for column in columns])
+    scores, bits, looks = map(torch.cat, zip(*batches, strict=True))
+    if len(looks):
+        receiver.calibration = Calibration.of(scores, bits)
+        receiver.trained_on = ranges_of(looks)
     return receiver
 
 
@@ -264,10 +259,9 @@ def receiver_for(plan: Plan, *, at_truth: bool = False) -> Receiver:
         at_truth: whether it learns at the true corners, which is quick where its locator is slow.
     """
     studied = plan.locating_with("truth") if at_truth else plan
-    untouched = replace(studied.experiment, training={})
-    receiver = calibrated_receiver(
-        studied, train(replace(studied, experiment=untouched))
-    )
+    experiment = replace(plan.experiment, training={})
+    training = train(replace(studied, experiment=experiment))
+    receiver = calibrated_receiver(studied, training)
     receiver.locator = plan.receiver.finder or receiver.locator
     return receiver
 
@@ -276,26 +270,19 @@ def settings_used(settings: Settings, receiver: Receiver) -> Settings:
     """Say in the settings which receiver was used, where a model brought it."""
     if settings.model is None:
         return settings
-    settings_of_locator: dict[str, Any] = locator_settings(receiver.locator)
+    of_locator: dict[str, Any] = locator_settings(receiver.locator)
     name, locators = locator_words(receiver.locator)
-    limits = asdict(settings.receiver.location)
-    limits |= {
-        key: value
-        for key, value in settings_of_locator.get("paper", settings_of_locator).items()
-        if key in limits
-    }
+    location, limits = settings.receiver.location, of_locator.get("paper", of_locator)
+    limits = {key: limits[key] for key in limits.keys() & asdict(location)}
     named = replace(
         settings.receiver,
         save=receiver.name,
         locator=name,
-        location=replace(settings.receiver.location, **limits),
-        false_alarms=None if locators else settings_of_locator.get("false_alarms"),
+        location=replace(location, **limits),
+        false_alarms=None if locators else of_locator.get("false_alarms"),
     )
-    classifiers = {
-        name: classifier
-        for name, classifier in settings.classifiers.items()
-        if name == receiver.name
-    }
+    known = settings.classifiers
+    classifiers = {name: known[name] for name in known.keys() & {receiver.name}}
     return replace(settings, receiver=named, classifiers=classifiers, locators=locators)
 
 

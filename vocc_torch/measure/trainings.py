@@ -69,10 +69,7 @@ class Trained:
         ):
             # All trainings have equal errors in every frame, as receivers without training do.
             return ber_interval(first, confidence, errors_per_frame_error)
-        size = min(
-            len(self.counts) * errors_per_frame_error,
-            self.pooled.bits / max(1, self.pooled.frames),
-        )
+        size = len(self.counts) * errors_per_frame_error
         frames = ber_interval(self.pooled, confidence, size)
         if not frames.value:
             return frames
