@@ -1,6 +1,5 @@
 """The public functions: scenes, trained receivers, simulated frames, and measured bit error rates."""
 
-import hashlib
 import io
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,7 +14,7 @@ from torch.utils.data import IterableDataset, get_worker_info
 
 from vocc_torch.boundary import checked
 from vocc_torch.errors import VoccError, section, shown, told_known
-from vocc_torch.files import demand_folder
+from vocc_torch.files import demand_folder, file_digest
 from vocc_torch.measure import curve, runner, sweep
 from vocc_torch.measure import train as training
 from vocc_torch.measure.build import build_world, receiver_plan
@@ -69,9 +68,11 @@ def load_scene(
         >>> world.scene.distance_m.bounds, world.panel.shape.rows, list(world.effects)
         ((40.0, 40.0), 4, ['saturation'])
     """
+    plain: Any = scene
     shipped = isinstance(scene, str) and not scene.endswith((".yaml", ".yml"))
-    plain: Any = _shipped("scene", str(scene)) if shipped else scene
-    if isinstance(scene, str | Path) and not shipped:
+    if shipped:
+        plain = _shipped("scene", str(scene))
+    elif isinstance(scene, str | Path):
         plain = read_yaml(scene, "scene")
     if not isinstance(plain, Mapping):
         raise VoccError.of("scene", shown(plain), "a mapping, as in key: value")
@@ -148,12 +149,10 @@ def train(
         parts.classifiers[receiver.save] = ClassifierSettings(
             build={TARGET: classifier}
         )
-    elif classifier not in FLDA_FEATURES and not (
-        classifier == "flda" and features is not None
-    ):
-        trained = [name for name in options_of("classifier") if name not in TEMPLATES]
+    elif classifier not in (*FLDA_FEATURES, *(["flda"] if features else [])):
+        trained = {*options_of("classifier")} - {*TEMPLATES}
         if classifier not in trained:
-            known = told_known(classifier, [*FLDA_FEATURES, *trained])
+            known = told_known(classifier, [*FLDA_FEATURES, *sorted(trained)])
             raise VoccError(
                 f"classifier is {shown(classifier)}: {known}, or FILE.py:NAME"
             )
@@ -165,11 +164,9 @@ def train(
         section("features", before="receiver.features"),
         section("frames", before="budget.training_frames"),
     ):
-        receivers, budget = (
-            receiver_plan(parts, world.panel),
-            Budget(training_frames=frames),
-        )
+        receivers = receiver_plan(parts, world.panel)
         experiment = Experiment("own", "distance_m", world.scene.distance_m.bounds[:1])
+        budget = Budget(training_frames=frames)
         plan = Plan(world, receivers, experiment, budget, seed)
     return training.calibrated_receiver(plan, training.train(plan))
 
@@ -354,11 +351,9 @@ def measure(
         [(30.0, 64), (50.0, 64)]
     """
     world = load_scene(scene) if isinstance(scene, str) else scene
-    named = (
-        {receivers.name: receivers}
-        if isinstance(receivers, Receiver)
-        else dict(receivers)
-    )
+    named = receivers
+    if isinstance(named, Receiver):
+        named = {named.name: named}
     if not named:
         raise VoccError.of("receivers", "{}", "a receiver, or several by name")
     axes = Experiment(experiment, axis, tuple(map(float, values)))
@@ -381,7 +376,7 @@ def measure(
         ]
         counted = sweep.outcomes(jobs, Workers(1), opened, progress)
         outcomes = dict(zip(axes.simulated_values, counted, strict=True))
-    keys = {name: Key(OWN, name) for name in named}
+    keys = {key.receiver: key for key in jobs[0].keys}
     return Table(sweep.curves_of(axes, keys, outcomes))
 
 
@@ -430,5 +425,5 @@ def digests(receivers: Mapping[str, Receiver]) -> dict[str, str]:
     with tempfile.TemporaryDirectory() as there:
         for name, receiver in receivers.items():
             receiver.save(path := Path(there) / "receiver.pt")
-            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+            found[name] = file_digest(path)
     return found

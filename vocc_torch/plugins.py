@@ -81,6 +81,11 @@ class ModuleFile:
         return COPIES.get(self.path, Path(self.path))
 
     @property
+    def absolute(self) -> str:
+        """Its path, independent of the working directory."""
+        return str(Path(self.path).absolute())
+
+    @property
     def texts(self) -> dict[str, bytes]:
         """Its text and the texts of modules that it imports from its folder, by path.
 
@@ -93,10 +98,8 @@ class ModuleFile:
         texts = {place.name: read_file(self.place)}
         with suppress(SyntaxError, ValueError):  # told of when the file is run
             finder.run_script(str(place))
-        for path in (
-            Path(getattr(module, "__file__", None) or "")
-            for module in finder.modules.values()
-        ):
+        for module in finder.modules.values():
+            path = Path(getattr(module, "__file__", None) or "")
             if path != place and path.is_file():
                 texts[path.relative_to(place.parent).as_posix()] = read_file(path)
         return texts
@@ -112,32 +115,24 @@ class ModuleFile:
         Raises:
             VoccError: the file cannot be read or run, or a worker meets another text than its run began with.
         """
-        name = self.module_name
-        absolute = str(Path(self.path).absolute())
-        READ[self.path] = absolute, name.rpartition("_")[2]
-        if not name.endswith(EXPECTED.get(absolute, "")):
-            raise VoccError(
-                f"file {self.path} has changed since this run began: begin it again"
-            )
+        name, said = self.module_name, f"file {self.path}"
+        READ[self.path] = self.absolute, name.rpartition("_")[2]
+        if not name.endswith(EXPECTED.get(self.absolute, "")):
+            raise VoccError(f"{said} has changed since this run began: begin it again")
         if name in sys.modules:
             return sys.modules[name]
         spec = importlib.util.spec_from_file_location(name, self.place)
         if spec is None or spec.loader is None:
-            raise VoccError(
-                f"file {self.path} is no Python file: its name must end in .py"
-            )
-        made = importlib.util.module_from_spec(spec)
+            raise VoccError(f"{said} is no Python file: its name must end in .py")
         # Before it runs, because dataclasses and pickles look their module up.
-        sys.modules[name] = made
+        sys.modules[name] = module = importlib.util.module_from_spec(spec)
         try:
-            spec.loader.exec_module(made)
+            spec.loader.exec_module(module)
         # A file that would end the program is no exception.
         except (Exception, SystemExit) as error:
             del sys.modules[name]
-            raise VoccError(
-                f"file {self.path} cannot be run ({one_line(error)})"
-            ) from error
-        return made
+            raise VoccError(f"{said} cannot be run ({one_line(error)})") from error
+        return module
 
     def named(self, name: str) -> object:
         """Return what the file calls ``name``.
@@ -165,13 +160,16 @@ def carried() -> dict[str, dict[str, bytes]]:
     Raises:
         VoccError: a file has changed meanwhile.
     """
-    read, given = files_read(), {}
-    for one in (ModuleFile(path) for path in sorted(READ) if Path(path).is_file()):
-        if read.get(str(Path(one.path).absolute()), one.digest) != one.digest:
+    given = {}
+    for path, (_, digest) in sorted(READ.items()):
+        file = ModuleFile(path)
+        if not file.place.is_file():
+            continue
+        if file.digest != digest:
             raise VoccError(
-                f"file {one.path} has changed since this run began: begin it again"
+                f"file {path} has changed since this run began: begin it again"
             )
-        given[one.path] = one.texts
+        given[path] = file.texts
     return given
 
 
@@ -250,11 +248,9 @@ class PlugIn:
         if not self.name.isidentifier() or len(self.name) > LONGEST_NAME:
             rule = f"a word of at most {LONGEST_NAME} letters"
             raise VoccError.of(f"{self.key}: the name", shown(self.name), rule)
-        for target in (self.target, *targets(self.arguments)):
-            if (
-                not is_target(target)
-                or target.partition(".")[0] in sys.stdlib_module_names
-            ):
+        for target in self.targets:
+            package = target.partition(".")[0]
+            if not is_target(target) or package in sys.stdlib_module_names:
                 rule = "PACKAGE.MODULE.NAME or FILE.py:NAME, and nothing of Python's own library"
                 raise VoccError.of(f"{self.key}.{TARGET}", shown(target), rule)
 
@@ -313,17 +309,14 @@ class PlugIn:
         path, colon, word = target.rpartition(":")
         needed = Path(path).name if colon else target.partition(".")[0]
         if target not in shipped:
+            origin = f"{key} comes from {shown(target)}"
             if needed == __package__:
-                raise VoccError(
-                    f"{key} comes from {shown(target)}, which is no part of a receiver"
-                )
+                raise VoccError(f"{origin}, which is no part of a receiver")
             paths = {
                 Path(name).name if colon else name: name for name in admitted[::-1]
             }
             if needed not in paths:
-                raise VoccError(
-                    f"{key} comes from {shown(target)}: add plug_ins=[{needed}] to run its code"
-                )
+                raise VoccError(f"{origin}: add plug_ins=[{needed}] to run its code")
             target = f"{paths[needed]}:{word}" if colon else target
         plug_in = cls(key, settings["name"], target, arguments)
         if plug_in.maker != settings["maker"]:
@@ -339,17 +332,12 @@ class PlugIn:
     @property
     def defined_there(self) -> bool:
         """Whether its file, a file beside it, or its package defines the target instead of importing it."""
-        module = sys.modules.get(getattr(self.found(), "__module__", None) or "")
+        home = getattr(self.found(), "__module__", None) or ""
         if self.file is None:
-            return (
-                module is not None
-                and module.__name__.partition(".")[0] == self.target.partition(".")[0]
-            )
-        place = Path(getattr(module, "__file__", None) or "")
-        return (
-            place.name in self.file.texts
-            and self.file.texts[place.name] == place.read_bytes()
-        )
+            return bool(home.partition(".")[0] == self.target.partition(".")[0])
+        place = Path(getattr(sys.modules.get(home), "__file__", None) or "")
+        text = self.file.texts.get(place.name)
+        return text is not None and text == place.read_bytes()
 
     @property
     def file(self) -> ModuleFile | None:
@@ -405,11 +393,9 @@ class PlugIn:
             return kind(**assembled(arguments))
 
     @property
-    def packages(self) -> set[str]:
-        """The packages of its class, and of those within its arguments."""
-        return {
-            one.partition(".")[0] for one in (self.target, *targets(self.arguments))
-        }
+    def targets(self) -> tuple[str, ...]:
+        """Its target, and those within its arguments."""
+        return self.target, *targets(self.arguments)
 
     @property
     def maker(self) -> str:
@@ -417,14 +403,10 @@ class PlugIn:
         if self.file:
             return self.file.digest
         try:
-            home = (
-                getattr(pkgutil.resolve_name(self.target), "__module__", None)
-                or self.target
-            )
-            names = {name.partition(".")[0] for name in (self.target, home)} - {
-                __package__
-            }
-            return " ".join(package_maker(name) for name in sorted(names))
+            found = pkgutil.resolve_name(self.target)
+            homes = self.target, getattr(found, "__module__", None) or self.target
+            names = {name.partition(".")[0] for name in homes} - {__package__}
+            return " ".join(map(package_maker, sorted(names)))
         except Exception:
             return ""  # it cannot be built, which is told when it is
 
@@ -476,9 +458,8 @@ def is_target(text: str) -> bool:
     """
     path, colon, name = text.rpartition(":")
     words = [name] if colon else name.split(".")
-    return all(word.isidentifier() for word in words) and (
-        path.endswith(".py") if colon else len(words) > 1
-    )
+    is_place = path.endswith(".py") if colon else len(words) > 1
+    return is_place and all(map(str.isidentifier, words))
 
 
 def targets(build: object) -> Iterator[str]:

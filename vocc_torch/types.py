@@ -121,9 +121,8 @@ class Scene(Batched):
             finite_number(f"scene.{name}", one)
             for name, one in zip(SCENE_RANGES, given, strict=True)
         ]
-        return cls(
-            *(torch.full((frames,), value, dtype=torch.float64) for value in values)
-        ).checked()
+        columns = (torch.full((frames,), of, dtype=torch.float64) for of in values)
+        return cls(*columns).checked()
 
     def checked(self) -> "Scene":
         """Return this scene in float64, or raise an error that names the first field out of range.
@@ -151,9 +150,7 @@ class Scene(Batched):
                 if not (math.isfinite(low) and math.isfinite(high)):
                     raise VoccError(f"scene.{name} holds a value that is not finite")
                 demand_in_range(name, low, high)
-        if all(value.dtype == torch.float64 for value in values):
-            return self
-        return Scene(*(value.to(torch.float64) for value in values))
+        return self.each(lambda value: value.to(torch.float64))
 
     def __len__(self) -> int:
         """Count the frames."""
@@ -198,9 +195,8 @@ def kind_of(value: object) -> object:
 
 def is_exporting() -> bool:
     """Whether torch.export is drawing a graph now, for which numbers have no values yet."""
-    return bool(
-        getattr(torch.compiler, "is_exporting", bool)()
-    )  # torch 2.5 does not have it
+    # torch 2.5 does not have it
+    return bool(getattr(torch.compiler, "is_exporting", bool)())
 
 
 def is_traced(values: Tensor) -> bool:
@@ -314,7 +310,7 @@ class Frames(Batched):
         planes = planes.unsqueeze(1) if planes.ndim == 3 else planes
         if planes.ndim != 4 or planes.shape[1] != 1:
             raise VoccError(
-                f"grey has shape {tuple(grey.shape)}: it must be (H,W), (B,H,W) or (B,1,H,W)"
+                f"grey has shape {kind_of(grey)}: it must be (H,W), (B,H,W) or (B,1,H,W)"
             )
         # Not len(planes), which makes the number of frames a constant in an exported graph.
         origin = planes.new_zeros(planes.shape[0], 2, dtype=torch.int64)
@@ -334,31 +330,20 @@ class Frames(Batched):
         if isinstance(images, Frames):
             return images
         grey = tensor_of(name, images)
-        coloured = grey.ndim == 3 and grey.shape[2] in (
-            3,
-            4,
-        )  # and no frames of so few columns
-        fits = not coloured and (
-            grey.ndim in (2, 3) or (grey.ndim == 4 and grey.shape[1] == 1)
-        )
-        if grey.dtype != torch.uint8 or not grey.numel() or not fits:
-            given = f"dtype {grey.dtype} and shape {tuple(grey.shape)}"
-            raise VoccError.of(
-                name,
-                given,
-                "uint8 of shape (H,W), (B,H,W) or (B,1,H,W), not empty",
-                "has",
-            )
+        is_coloured = grey.shape[2:] in ((3,), (4,))  # and has not so few columns
+        is_grey = grey.shape[1:-2] in ((), (1,)) and grey.dtype == torch.uint8
+        if is_coloured or not is_grey or grey.ndim < 2 or not grey.numel():
+            given = f"dtype {grey.dtype} and shape {kind_of(grey)}"
+            rule = "uint8 of shape (H,W), (B,H,W) or (B,1,H,W), not empty"
+            raise VoccError.of(name, given, rule, "has")
         return cls.whole(grey)
 
     @property
     def pixels(self) -> NDArray[np.uint8]:
         """Grey values (B,H,W) or colours (B,H,W,3) of 8 bits."""
         shown = self.grey[:, 0] if self.colour is None else self.colour.movedim(1, -1)
-        kept: NDArray[np.uint8] = (
-            shown.round().clamp(0, 255).byte().contiguous().cpu().numpy()
-        )
-        return kept
+        levels = shown.round().clamp(0, 255).byte()
+        return np.ascontiguousarray(levels.cpu())
 
     def __len__(self) -> int:
         """Count the frames."""
@@ -395,9 +380,7 @@ class Panels(Batched):
         """Wrap corners that are known, not located."""
         corners_px = tensor_of("corners_px", corners_px)
         ones = torch.ones(corners_px.shape[0], device=corners_px.device)
-        return cls(
-            corners_px.to(torch.float64), ones.bool(), ones.double(), ones.long()
-        )
+        return cls(corners_px.double(), ones.bool(), ones.double(), ones.long())
 
 
 @dataclass(frozen=True, slots=True)
@@ -431,20 +414,14 @@ class Candidates(Batched):
     @classmethod
     def of(cls, corners_px: Tensor, score: Tensor) -> Self:
         """Take one candidate of each frame, (B,4,2) corners and (B,) scores, without stated false alarms."""
-        frame = torch.arange(len(score), device=score.device)
-        return cls(
-            frame,
-            corners_px.double(),
-            score.double(),
-            torch.full_like(score.double(), math.nan),
-        )
+        frame, score = torch.arange(len(score), device=score.device), score.double()
+        return cls(frame, corners_px.double(), score, score * math.nan)
 
     @classmethod
     def of_panels(cls, panels: Panels) -> Self:
         """Take the panels that were found."""
         frame = panels.found.nonzero()[:, 0]
-        nothing = torch.full_like(panels.score, math.nan)
-        alarms = panels.false_alarms if isinstance(panels, StatedPanels) else nothing
+        alarms = getattr(panels, "false_alarms", panels.score * math.nan)
         return cls(frame, panels.corners_px[frame], panels.score[frame], alarms[frame])
 
     def panels(
@@ -465,11 +442,11 @@ class Candidates(Batched):
             >>> frame.tolist(), panels.found.tolist()
             ([0, 1], [False, True])
         """
-        sure, whose = ~(self.false_alarms > most_false_alarms), self.frame.tolist()
-        told, pairs = sure.tolist(), list[tuple[int, int]]()
+        sure, pairs = ~(self.false_alarms > most_false_alarms), list[tuple[int, int]]()
+        told = list(enumerate(zip(self.frame.tolist(), sure.tolist(), strict=True)))
         for number in range(frames):
-            seen = [row for row, frame in enumerate(whose) if frame == number]
-            chosen = [row for row in seen if told[row]][:most] or seen[:1] or [-1]
+            seen = {row: is_sure for row, (frame, is_sure) in told if frame == number}
+            chosen = [row for row in seen if seen[row]][:most] or [*seen, -1][:1]
             pairs += [(number, row) for row in chosen]
         frame, row = self.frame.new_tensor(pairs).view(-1, 2).unbind(1)
         # The last row stands for nothing seen.
@@ -498,10 +475,9 @@ def resolve_device(name: str) -> torch.device:
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     if not re.fullmatch(r"cpu(:0)?|cuda(:\d\d?)?", name):
         raise VoccError.of("device", repr(name), "auto, cpu or cuda")
-    device = torch.device(name)
-    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
-        there = f"{torch.cuda.device_count()} CUDA devices"
+    device, count = torch.device(name), torch.cuda.device_count()
+    if device.type == "cuda" and (device.index or 0) >= count:
         raise VoccError(
-            f"device is {name!r}, and this machine has {there}: use device=cpu or device=auto"
+            f"device is {name!r}, and this machine has {count} CUDA devices: use device=cpu or device=auto"
         )
     return device

@@ -1,6 +1,7 @@
 """The command line: one Hydra application, errors in one line, status 2 for a user's mistake."""
 
 import contextlib
+import functools
 import gc
 import io
 import os
@@ -29,11 +30,12 @@ from vocc_torch.app.jobs import (
     watch_joblib,
     write_down,
 )
-from vocc_torch.app.resolve import ended_by, hydra_words, resolved, typed_word
+from vocc_torch.app.resolve import ended_by, hydra_words, resolved
 from vocc_torch.app.tasks import TASKS
 from vocc_torch.errors import VoccError, printable, shown, stdout_refusal
 from vocc_torch.files import UNFINISHED, locked, sweep, unfinished
 from vocc_torch.measure.config import as_yaml
+from vocc_torch.plugins import one_line
 
 MULTIRUN = ("-m", "--multirun")
 SWEEP = "multirun.yaml"  # Hydra writes it before the first job
@@ -57,13 +59,13 @@ def complain(message: str) -> None:
 @contextlib.contextmanager
 def terminal_lines() -> Iterator[None]:
     """Print each warning once, in one line, and escape characters that the terminal cannot show."""
-    said: set[str] = set()
+
+    @functools.cache
+    def say(text: str) -> None:
+        print("vocc-torch: warning:", text, file=sys.stderr)
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
-        text = printable(" ".join(str(message).split()))
-        if text not in said:
-            print("vocc-torch: warning:", text, file=sys.stderr)
-        said.add(text)
+        say(printable(" ".join(str(message).split())))
 
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
@@ -104,7 +106,7 @@ def words_of(about: Any) -> list[str]:
     """Give a job's overrides as they were typed, from Hydra's own configuration of the job."""
     # What a word interpolates is not resolved here.
     typed: Any = OmegaConf.to_container(about.overrides.task, resolve=False)
-    return [typed_word(str(word)) for word in typed]
+    return [str(word).removeprefix("++") for word in typed]
 
 
 def run_task(settings: AppConfig, folder: Path) -> None:
@@ -140,10 +142,9 @@ def discard_if_empty(folder: Path) -> None:
     if not inside_runs(folder):
         return
     runs = Path.cwd() / "runs"
-    for empty in (
-        folder,
-        *(parent for parent in folder.parents if parent.is_relative_to(runs)),
-    ):
+    for empty in (folder, *folder.parents):
+        if empty != folder and not empty.is_relative_to(runs):
+            return
         # It holds something, or another run has begun in it.
         with contextlib.suppress(OSError, VoccError), locked(empty):
             marks = list(empty.iterdir())
@@ -180,11 +181,10 @@ def run_job(
     about, one_of_many, number = HydraConfig.get(), place is not None, place or 0
     words, folder = words_of(about), Path(about.runtime.output_dir)
     jobs.tell(number, folder=str(folder))
-    trace, mine, heading = "", False, " ".join(words)
+    trace, mine, said = "", False, " ".join(words)
     try:
         if one_of_many:
-            heading = heading if jobs.elsewhere else f"\njob {number}: {heading}"
-            print(heading, flush=True)
+            print(said if jobs.elsewhere else f"\njob {number}: {said}", flush=True)
         with locked(folder):
             if inside_runs(folder):
                 sweep(folder.rglob(".*.tmp*"))
@@ -192,7 +192,7 @@ def run_job(
             settings = resolved(config, words)
             if jobs.elsewhere and settings.workers is None:
                 settings.workers = 1  # the jobs share the cores
-            with unfinished(folder, " ".join(words)):
+            with unfinished(folder, said):
                 run_task(settings, folder)
         return
     except BrokenPipeError as error:
@@ -202,10 +202,7 @@ def run_job(
             raise KeyboardInterrupt from error
         complaint = complaint_of(error, folder) or ""
         if not complaint:
-            trace, complaint = (
-                traceback.format_exc(),
-                " ".join(f"{type(error).__name__}: {error}".split()),
-            )
+            trace, complaint = traceback.format_exc(), one_line(error)
             sys.stderr.write(trace)
     if mine:
         configuration = ""
@@ -217,11 +214,8 @@ def run_job(
     if first != number and not trace:
         print(f"failed for the reason of job {first}", flush=True)
     else:
-        complain(
-            f"job {number}: {complaint}"
-            if jobs.elsewhere or (trace and one_of_many)
-            else complaint
-        )
+        is_apart = jobs.elsewhere or (trace and one_of_many)
+        complain(f"job {number}: {complaint}" if is_apart else complaint)
 
 
 def run_jobs(jobs: Jobs) -> int:
@@ -245,10 +239,7 @@ def run_jobs(jobs: Jobs) -> int:
 
     heard: list[int] = []
     try:
-        with (
-            terminal_lines(),
-            ctrl_c_first(heard),
-        ):
+        with terminal_lines(), ctrl_c_first(heard):
             sys.argv[1:] = for_hydra(sys.argv[1:])
             hydras()
             sys.stdout.flush()
@@ -273,24 +264,21 @@ def run_jobs(jobs: Jobs) -> int:
         print(
             f"all jobs in one table: vocc-torch task=collect input={os.path.relpath(measured[0].parent)}"
         )
-    failures = [word for word in jobs.told() if "complaint" in word]
+    folders, failures = jobs.folders(), [w for w in jobs.told() if "complaint" in w]
     complaints = {failure["complaint"] for failure in failures}
     is_fault = any(failure["trace"] for failure in failures)
-    is_shared = 1 < len(failures) == len(jobs.folders()) and len(complaints) == 1
+    is_shared = 1 < len(failures) == len(folders) and len(complaints) == 1
     if is_shared and not is_fault:
         # A mistake of the command, which no job's folder need tell of.
-        for folder in jobs.folders():
+        for folder in folders:
             begin_again(folder)
             discard_if_empty(folder)
     elif failures and jobs.parallel:
         numbers = ", ".join(str(failure["job"]) for failure in failures)
-        count = len(jobs.folders())
         complain(
-            f"{len(failures)} of {count} jobs failed ({numbers}): failed.txt in their folders says why"
+            f"{len(failures)} of {len(folders)} jobs failed ({numbers}): failed.txt in their folders says why"
         )
-    if is_fault:
-        return 1
-    return 2 if failures else 0
+    return 1 if is_fault else 2 * bool(failures)
 
 
 FLAGS_OF_ONE_VALUE = (

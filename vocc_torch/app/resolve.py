@@ -11,7 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from vocc_torch.app.config import AppConfig, described, used
-from vocc_torch.app.tasks import TASKS, Task, covers, task_named
+from vocc_torch.app.tasks import TASKS, covers, task_named
 from vocc_torch.errors import VoccError, section, stdout_refusal
 from vocc_torch.measure.schema import (
     RENAMED,
@@ -64,6 +64,16 @@ STATING = ("detector",)
 
 ONE_LOCATOR = ("train", "test", "decode", "receive", "classifiers")
 """Tasks that find the panel with receiver.locator and no other."""
+
+HYDRAS = (
+    HydraException,
+    OmegaConfBaseException,
+    ValueError,
+    TypeError,
+    OverflowError,
+    RecursionError,
+)
+"""Hydra trips over a group whose option is a list of numbers, and over a number that no float holds."""
 
 LOST_WORKER = (
     "a worker process was ended from outside, perhaps for lack of memory: the jobs that had ended keep their "
@@ -136,20 +146,20 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
         plain: Any = OmegaConf.to_container(config, resolve=True)
     except (OmegaConfBaseException, RecursionError) as error:
         raise VoccError(complaint(error)) from None
-    name, words = str(plain.get("task")), [typed_word(word) for word in words]
-    task = task_named(name)
+    task = task_named(name := str(plain.get("task")))
     for word in words:
         if word != f"experiment={name}":
             demand_used(name, key_of(word), said(word))
     if plain.get("model") == AUTO:
         trains = any(covers(task.brought, key_of(word)) for word in words)
         plain["model"] = None if trains else SHIPPED
-    keys = keys_of_task(task)
-    with refusals(keys):
+    kinds = keys_of(AppConfig)
+    with refusals({key: kinds[key] for key in kinds if covers(task.keys, key)}):
         merged = merge(AppConfig, used(plain, task))
-        for key in OmegaConf.missing_keys(merged) & {*keys_of(AppConfig)} - {*keys}:
-            kind = keys_of(AppConfig)[key]
-            OmegaConf.update(merged, key, None if kind is Any else kind())
+        for key in OmegaConf.missing_keys(merged) & kinds.keys():
+            if not covers(task.keys, key):
+                empty = None if kinds[key] is Any else kinds[key]()
+                OmegaConf.update(merged, key, empty)
         # Classes that several keys have name their errors by the key of another.
         for place, usual, node in sections(merged):
             with section(place, before=usual):
@@ -158,13 +168,6 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
             settings: Any = OmegaConf.to_object(merged)
     refuse_without_effect(settings, words)
     return cast(AppConfig, settings)
-
-
-def keys_of_task(task: Task) -> dict[str, Any]:
-    """List the keys that a task uses, and their types."""
-    return {
-        key: kind for key, kind in keys_of(AppConfig).items() if covers(task.keys, key)
-    }
 
 
 def demand_used(task: str, key: str, said: str) -> None:
@@ -178,12 +181,12 @@ def demand_used(task: str, key: str, said: str) -> None:
     Raises:
         VoccError: with the tasks that use the key.
     """
-    keys = keys_of(AppConfig)
-    if key.split(".")[0] in keys and not has_key(AppConfig, key):
+    keys, is_known = keys_of(AppConfig), has_key(AppConfig, key)
+    if not is_known and key.partition(".")[0] in keys:
         raise VoccError(unknown_key(key, keys))
-    if has_key(AppConfig, key) and not covers(TASKS[task].keys, key):
-        users = ", ".join(name for name in TASKS if covers(TASKS[name].keys, key))
-        raise VoccError(f"{said}: task={task} does not use it, only {users}")
+    users = [name for name in TASKS if covers(TASKS[name].keys, key)]
+    if is_known and task not in users:
+        raise VoccError(f"{said}: task={task} does not use it, only {', '.join(users)}")
 
 
 def sections(merged: DictConfig) -> Iterator[tuple[str, str, DictConfig]]:
@@ -193,11 +196,6 @@ def sections(merged: DictConfig) -> Iterator[tuple[str, str, DictConfig]]:
     for part in ("comparison", "figures"):
         for name, node in merged[part].experiments.items():
             yield f"{part}.experiments.{name}", "experiment", node
-
-
-def typed_word(word: str) -> str:
-    """Give an override as it was typed, without what :func:`hydra_words` put before it."""
-    return word.removeprefix("++")
 
 
 def key_of(word: str) -> str:
@@ -274,12 +272,11 @@ def complaint(error: BaseException) -> str:
     chain: list[BaseException] = []
     cause: BaseException | None = error
     while cause is not None and cause not in chain:
+        if isinstance(cause, VoccError):
+            return str(cause)  # says most, however it was wrapped
         chain.append(cause)
         cause = cause.__cause__ or cause.__context__
-    # A refusal of ours says most, however it was wrapped.
-    for cause in sorted(chain, key=lambda cause: not isinstance(cause, VoccError)):
-        if isinstance(cause, VoccError):
-            return str(cause)
+    for cause in chain:
         if isinstance(cause, MissingConfigException) and cause.missing_cfg_file:
             group, _, name = cause.missing_cfg_file.rpartition("/")
             if (group, name) == ("hydra/launcher", "joblib"):
@@ -304,20 +301,9 @@ def ended_by(error: Exception) -> str | None:
         return (
             "hydra.launcher.timeout is shorter than a job: give more seconds, or null"
         )
-    # Hydra trips over a group whose option is a list of numbers, and over a number that no float holds.
-    hydras = (
-        HydraException
-        | OmegaConfBaseException
-        | ValueError
-        | TypeError
-        | OverflowError
-        | RecursionError
-    )
-    if isinstance(error, hydras):
-        return complaint(error)
     if isinstance(error, OSError):
         if refused := stdout_refusal(error):
             return refused
         place = f" {error.filename}" if error.filename else ""
         return f"cannot make the run's folder{place} ({error.strerror}): choose another with name="
-    return None
+    return complaint(error) if isinstance(error, HYDRAS) else None

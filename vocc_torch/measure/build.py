@@ -274,7 +274,8 @@ def without_absent(
     absent = {
         classifier.name: why
         for classifier in receiver.classifiers
-        if find_spec("sklearn") is None and "sklearn" in classifier.build.packages
+        if any(target.startswith("sklearn.") for target in classifier.build.targets)
+        and find_spec("sklearn") is None
     }
     present = replace(
         receiver,

@@ -104,14 +104,14 @@ class Workers:
         if kind not in CLUSTERS and address != "auto":
             rule = f"auto for executor={kind}"
             raise VoccError.of("executor.address", address, rule)
-        cores = timing.usable_cores()
-        by_default = min(cores, LIMITS.most_by_default)
-        self.count = by_default if count is None else count or cores
         self._most, self._kind, self._address = count or None, kind, address
-        # With a given number processes start at once.
-        waits = count is None and self.count > 1
-        self._patience_s = LIMITS.patience_s if waits else math.inf
-        self._here = kind == "here" or (kind == "auto" and (self.count == 1 or waits))
+        self.count = count or timing.usable_cores()
+        self._patience_s = 0.0  # of processor time in this process
+        if count is None:
+            self.count = min(self.count, LIMITS.most_by_default)
+            self._patience_s = LIMITS.patience_s * (kind == "auto")
+        if kind == "here" or (kind == "auto" and self.count == 1):
+            self._patience_s = math.inf
         self._pool: WorkerPool | None = None
 
     @classmethod
@@ -128,9 +128,8 @@ class Workers:
                 rule = "auto, here or processes for task=export, which writes where it computes"
                 raise VoccError.of("executor.kind", kind, rule)
             if not on_cpu:
-                raise VoccError.of(
-                    "device", settings.device, f"cpu for executor={kind}"
-                )
+                rule = f"cpu for executor={kind}"
+                raise VoccError.of("device", settings.device, rule)
             for name, classifier in settings.classifiers.items():
                 if folder := classifier.training.get("checkpoints"):
                     key = f"classifiers.{name}.training.checkpoints"
@@ -143,7 +142,7 @@ class Workers:
     @property
     def window(self) -> int:
         """How many calls to hand out at a time, so that no worker waits for the next one."""
-        if self._here:
+        if self._patience_s > 0:
             return 1
         slots = self.count if self._pool is None else self._pool.slots()
         # A larger cluster would begin every call that it has.
@@ -166,13 +165,11 @@ class Workers:
         Raises:
             VoccError: the workers were ended from outside, as a system short of memory does.
         """
-        if self._here:
-            done = Call()
-            begun = time.process_time()
+        if self._patience_s > 0:
+            done, begun = Call(), time.process_time()
             with timing.threads(1):
                 done.set_result((True, (here or call)(argument)))
             self._patience_s -= time.process_time() - begun
-            self._here = self._patience_s > 0
             return done
         packed = about_run(self._kind), _packed(call), pickle.dumps(argument)
         try:
@@ -221,7 +218,7 @@ class Workers:
 
     def __enter__(self) -> Self:
         """Join the cluster, if there is one; no process of this machine is started yet."""
-        if self._here:
+        if self._patience_s > 0:
             timing.settle_memory()
         if self._kind in CLUSTERS:
             self._pool = _joined(self._kind, self._address)

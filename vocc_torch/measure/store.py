@@ -92,7 +92,6 @@ class Store(AbstractContextManager["Store"]):
         """
         path, text = Path(path), canonical(settings)
         with _told(path):
-            exists = path.exists()
             # SQLite would block on a pipe beside the store.
             for suffix in ("", "-journal", "-wal"):
                 part = path.with_name(path.name + suffix)
@@ -100,11 +99,12 @@ class Store(AbstractContextManager["Store"]):
                     raise VoccError(
                         f"{_shown(part)} is a link, a folder, a device or a pipe: it must be an ordinary file"
                     )
-            if exists and 0 < path.stat().st_size < _LEAST_BYTES:
-                raise VoccError(f"{_shown(path)} {_STRANGER}")
-            # SQLite would open it read-only.
-            if exists and not os.access(path, os.W_OK):
-                raise PermissionError(None, "it is read-only")
+            if path.exists():
+                if 0 < path.stat().st_size < _LEAST_BYTES:
+                    raise VoccError(f"{_shown(path)} {_STRANGER}")
+                # SQLite would open it read-only.
+                if not os.access(path, os.W_OK):
+                    raise PermissionError(None, "it is read-only")
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=0, isolation_level=None)
         store = cls(path, connection, text)
@@ -134,7 +134,9 @@ class Store(AbstractContextManager["Store"]):
                 self._run(statement)
             self._run(f"PRAGMA application_id={_APPLICATION}")
             self._run(f"PRAGMA user_version={_FORMAT}")
-            self._run("INSERT INTO identity VALUES (?, ?)", self._settings, _code())
+            # Rows of two algorithms do not add.
+            code = f"{__version__} {package_digest('vocc_torch')}"
+            self._run("INSERT INTO identity VALUES (?, ?)", self._settings, code)
         self._run("COMMIT")
 
     def _check(self) -> None:
@@ -155,9 +157,9 @@ class Store(AbstractContextManager["Store"]):
             raise self._refusal(
                 f"is of vocc-torch {begun_with} and this is {__version__}", release
             )
-        if package != _code():
+        if source != (digest := package_digest("vocc_torch")):
             raise self._refusal(
-                f"was begun by other source code of vocc-torch ({source}, now {_code().rpartition(' ')[2]})",
+                f"was begun by other source code of vocc-torch ({source}, now {digest})",
                 "go back to that code, or give another name=",
             )
         if settings != self._settings:
@@ -183,18 +185,14 @@ class Store(AbstractContextManager["Store"]):
 
     def _digest(self, *row: object) -> str:
         """Give the checksum of a row of these settings."""
-        values = [
-            value.hex() if isinstance(value, bytes) else value
-            for value in (self._settings, *row)
-        ]
-        return hashlib.sha256(json.dumps(values).encode()).hexdigest()
+        text = json.dumps((self._settings, *row), default=bytes.hex)
+        return hashlib.sha256(text.encode()).hexdigest()
 
     def _refusal(self, told: str, help_: str) -> VoccError:
         """Word a refusal in one line that is not too long."""
         start, end = f"ledger {_shown(self.path)}: ", f": {help_}"
-        return VoccError(
-            start + _cut(told, max(20, _LONGEST - len(start) - len(end))) + end
-        )
+        told = _cut(told, max(20, _LONGEST - len(start + end)))
+        return VoccError(start + told + end)
 
     def __exit__(self, *_: object) -> None:
         """Close."""
@@ -261,11 +259,6 @@ class Store(AbstractContextManager["Store"]):
             )
 
 
-def _code() -> str:
-    """Give the release and a digest of the source: rows of two algorithms do not add."""
-    return f"{__version__} {package_digest('vocc_torch')}"
-
-
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
     """Say in one line what SQLite or the system refused, and what helps."""
@@ -289,10 +282,12 @@ def _told(path: Path) -> Iterator[None]:
             raise VoccError(
                 f"cannot write {_shown(path)}: {reason}: {help_}"
             ) from error
-        busy = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
-        refusals = {sqlite3.SQLITE_NOTADB: _STRANGER, **dict.fromkeys(_BUSY, busy)}
-        told = refusals.get(code, ": ".join(_DAMAGED))
-        if isinstance(error, sqlite3.ProgrammingError):
+        told = ": ".join(_DAMAGED)
+        if code == sqlite3.SQLITE_NOTADB:
+            told = _STRANGER
+        elif code in _BUSY:
+            told = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
+        elif isinstance(error, sqlite3.ProgrammingError):
             told = "is closed: open it again"
         raise VoccError(f"{_shown(path)} {told}") from None
 
@@ -330,8 +325,15 @@ def what_changed(there: object, here: object) -> list[str]:
         >>> what_changed({"seed": 0, "world": {"dtype": "a"}}, {"seed": 1, "world": {"dtype": "b"}})
         ['seed was 0, is 1', 'dtype was a, is b']
     """
+    # Texts without their quotes.
     old, new = (
-        {name: _text(value) for name, value in leaves(of)} for of in (there, here)
+        {
+            name: value
+            if isinstance(value, str)
+            else json.dumps(value).replace('"', "")
+            for name, value in leaves(of)
+        }
+        for of in (there, here)
     )
     changes = []
     for name in sorted(name for name in {*old, *new} if old.get(name) != new.get(name)):
@@ -339,8 +341,3 @@ def what_changed(there: object, here: object) -> list[str]:
         key = re.sub(_UNSAID, "", name)
         changes.append(f"{key} was {was}, is {now}")
     return changes
-
-
-def _text(value: object) -> str:
-    """Write a setting, without quotes."""
-    return value if isinstance(value, str) else json.dumps(value).replace('"', "")
