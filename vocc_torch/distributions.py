@@ -131,13 +131,11 @@ class Distribution:
         if self.kind in ("constant", "choice"):
             place = (share * len(self.values)).astype(np.int64)
             return np.array(self.values)[place]
-        low, high = self.values
-        if self.kind == "log_uniform":
-            low, high = math.log(low), math.log(high)
-            share = np.exp(low + (high - low) * share)
-        else:
-            share = low + (high - low) * share
-        return share.clip(*self.bounds)  # rounding can carry a draw a hair beyond
+        is_log = self.kind == "log_uniform"
+        low, high = map(math.log, self.values) if is_log else self.values
+        found: NDArray[np.float64] = low + (high - low) * share
+        found = np.exp(found) if is_log else found
+        return found.clip(*self.bounds)  # rounding can carry a draw a hair beyond
 
 
 def parsed_scene(

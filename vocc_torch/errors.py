@@ -75,9 +75,8 @@ def section(key: str, before: str = "") -> Iterator[None]:
         yield
     except VoccError as error:
         said = str(error)
-        if before and not said.startswith((f"{before}.", f"{before} ")):
-            raise
-        if not before and said.startswith(f"{key}."):
+        begins = (f"{before}.", f"{before} ") if before else f"{key}."
+        if said.startswith(begins) != bool(before):
             raise
         rest = f".{said}"
         if before:
@@ -144,7 +143,7 @@ def told_known(given: object, known: Iterable[str]) -> str:
     """
     names = list(known)
     near = difflib.get_close_matches(str(given), names, n=1)
-    hint = "".join(f"did you mean {name}? " for name in near)
+    hint = f"did you mean {near[0]}? " if near else ""
     return f"{hint}known: {', '.join(names) or 'none'}"
 
 

@@ -360,6 +360,9 @@ def test_unasked_it_begins_here_and_takes_processes(monkeypatch):
         assert pool.result(pool.submit(abs, -2)) == 2
     assert (opened, ended) == ([8], [False])
     assert Workers.of(composed("executor=here", "workers=4")).window == 1
+    with Workers(None, "here") as pool:
+        assert pool.result(pool.submit(spin, 0.1)) == 1
+        assert pool.window == 1
 
 
 @pytest.mark.parametrize(

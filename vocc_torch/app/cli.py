@@ -142,9 +142,10 @@ def discard_if_empty(folder: Path) -> None:
     if not inside_runs(folder):
         return
     runs = Path.cwd() / "runs"
-    for empty in (folder, *folder.parents):
-        if empty != folder and not empty.is_relative_to(runs):
-            return
+    for empty in (
+        folder,
+        *(parent for parent in folder.parents if parent.is_relative_to(runs)),
+    ):
         # It holds something, or another run has begun in it.
         with contextlib.suppress(OSError, VoccError), locked(empty):
             marks = list(empty.iterdir())

@@ -301,9 +301,11 @@ def ended_by(error: Exception) -> str | None:
         return (
             "hydra.launcher.timeout is shorter than a job: give more seconds, or null"
         )
+    if isinstance(error, HYDRAS):
+        return complaint(error)
     if isinstance(error, OSError):
         if refused := stdout_refusal(error):
             return refused
         place = f" {error.filename}" if error.filename else ""
         return f"cannot make the run's folder{place} ({error.strerror}): choose another with name="
-    return complaint(error) if isinstance(error, HYDRAS) else None
+    return None

@@ -1,5 +1,6 @@
 """What a receiver got wrong: exact integers that add over blocks of frames, in any order."""
 
+import operator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -30,14 +31,9 @@ class Tally:
         """Join what was counted on disjoint frames; the 0 that ``sum`` starts from is let through."""
         if isinstance(other, int) and other == 0:
             return self
-        if not isinstance(other, type(self)):
+        if isinstance(other, int) or type(other) is not type(self):
             return NotImplemented
-        return type(self)(
-            *(
-                mine + theirs
-                for mine, theirs in zip(self.numbers, other.numbers, strict=True)
-            )
-        )
+        return type(self)(*map(operator.add, self.numbers, other.numbers))
 
     __radd__ = __add__
 

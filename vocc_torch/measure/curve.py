@@ -324,10 +324,8 @@ class Curves(BerTable):
             self.counts[receiver, self.values[0]],
         )
 
-    def pair(self, a: str, b: str, value: float | None = None) -> PairedCounts:
-        """Compare receiver a with receiver b, at one value or over all of them."""
-        if value is None:
-            return sum((self.pair(a, b, at) for at in self.values), PairedCounts())
+    def pair(self, a: str, b: str, value: float) -> PairedCounts:
+        """Compare receiver a with receiver b at one value."""
         return self._compared(self.pairs[value][0], a, b)
 
     def trainings(self, receiver: str, value: float) -> Trained:

@@ -41,7 +41,7 @@ class StageTimes:
         12.0
     """
 
-    rounds_ms: Mapping[str, tuple[float, ...]]
+    rounds_ms: Mapping[str, Floats]
 
     def stage(self, name: str) -> estimate.Estimate:
         """Median of a stage with its quartiles, ms."""
@@ -49,7 +49,8 @@ class StageTimes:
 
     def summed(self, stages: Sequence[str]) -> Floats:
         """Add stages round by round, ms."""
-        return np.asarray(np.sum([self.rounds_ms[stage] for stage in stages], axis=0))
+        rounds: Floats = np.sum([self.rounds_ms[stage] for stage in stages], axis=0)
+        return rounds
 
     @property
     def total(self) -> estimate.Estimate:
@@ -144,9 +145,9 @@ def time_stages(
         for start in starts
     ]
     # Each call takes the batch before, untimed, and then a batch.
-    turns = list(
-        itertools.chain(*zip(batches[-1:] + batches[:-1], batches, strict=True))
-    )
+    turns = [
+        each for at, batch in enumerate(batches) for each in (batches[at - 1], batch)
+    ]
     calls = {
         key: map(stage, itertools.cycle(turns)).__next__
         for stages in chains.values()
@@ -162,9 +163,7 @@ def time_stages(
                 spent[stage] = 1e3 / batch * np.array(timed[key])
         if "preambles" in stages:
             spent["preambles"] = 2 * np.sum([spent[of] for of in _MEASURING], axis=0)
-        times[name] = StageTimes(
-            {stage: tuple(ms.tolist()) for stage, ms in spent.items()}
-        )
+        times[name] = StageTimes(spent)
     return times
 
 

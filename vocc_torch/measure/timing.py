@@ -70,7 +70,7 @@ def interleaved(
         >>> list(spent), len(spent["sum"]), min(spent["sum"]) > 0
         (['sum', 'none'], 5, True)
     """
-    seconds: dict[Name, list[float]] = {name: [] for name in calls}
+    seconds: dict[Name, tuple[float, ...]] = dict.fromkeys(calls, ())
     if device.type == "cpu":
         settle_memory()
     for turn in range(warm_up + repeats):
@@ -83,8 +83,8 @@ def interleaved(
             _finish(device)
             spent = clock() - begin
             if turn >= warm_up:
-                seconds[name].append(spent)
-    return {name: tuple(durations) for name, durations in seconds.items()}
+                seconds[name] += (spent,)
+    return seconds
 
 
 @dataclass

@@ -270,19 +270,26 @@ def settings_used(settings: Settings, receiver: Receiver) -> Settings:
     """Say in the settings which receiver was used, where a model brought it."""
     if settings.model is None:
         return settings
-    of_locator: dict[str, Any] = locator_settings(receiver.locator)
+    settings_of_locator: dict[str, Any] = locator_settings(receiver.locator)
     name, locators = locator_words(receiver.locator)
-    location, limits = settings.receiver.location, of_locator.get("paper", of_locator)
-    limits = {key: limits[key] for key in limits.keys() & asdict(location)}
+    limits = asdict(settings.receiver.location)
+    limits |= {
+        key: value
+        for key, value in settings_of_locator.get("paper", settings_of_locator).items()
+        if key in limits
+    }
     named = replace(
         settings.receiver,
         save=receiver.name,
         locator=name,
-        location=replace(location, **limits),
-        false_alarms=None if locators else of_locator.get("false_alarms"),
+        location=replace(settings.receiver.location, **limits),
+        false_alarms=None if locators else settings_of_locator.get("false_alarms"),
     )
-    known = settings.classifiers
-    classifiers = {name: known[name] for name in known.keys() & {receiver.name}}
+    classifiers = {
+        name: classifier
+        for name, classifier in settings.classifiers.items()
+        if name == receiver.name
+    }
     return replace(settings, receiver=named, classifiers=classifiers, locators=locators)
 
 

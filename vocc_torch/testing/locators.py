@@ -75,34 +75,32 @@ class LocatorCase(PartCase):
         frames, _ = self.scenes()
         return frames, self.locator()(frames, self.shape)
 
+    def assert_near(self, corners_px: Tensor, expected_px: Tensor) -> None:
+        """Demand corners (B,4,2) within the tolerance."""
+        cell_px = torch.maximum(*cell_size_px(expected_px, self.shape))
+        cells = (corners_px - expected_px).norm(dim=2).amax(1) / cell_px
+        assert (cells <= self.tolerance_cells).all(), cells.tolist()
+
     def test_panels_are_found(self) -> None:
         """Every panel is found."""
         assert self.located()[1].found.all()
 
     def test_corners_are_near_the_truth(self) -> None:
         """Every corner lies within the tolerance."""
-        _, corners_px = self.scenes()
-        cell_px = torch.maximum(*cell_size_px(corners_px, self.shape))
-        apart = (self.located()[1].corners_px - corners_px).norm(dim=2).amax(1)
-        assert (apart <= self.tolerance_cells * cell_px).all(), (
-            apart / cell_px
-        ).tolist()
+        self.assert_near(self.located()[1].corners_px, self.scenes()[1])
 
     def test_answers_have_the_right_kind(self) -> None:
         """Shapes and dtypes are those of ``Panels``."""
         frames, panels = self.located()
-        assert panels.corners_px.shape == (len(frames), 4, 2)
-        assert [panels.corners_px.dtype, panels.score.dtype] == [torch.float64] * 2
-        assert (panels.found.dtype, panels.candidates.dtype) == (
-            torch.bool,
-            torch.int64,
-        )
-        assert (
-            len(panels.found)
-            == len(panels.score)
-            == len(panels.candidates)
-            == len(frames)
-        )
+        kinds = {
+            "corners_px": ((len(frames), 4, 2), torch.float64),
+            "found": ((len(frames),), torch.bool),
+            "score": ((len(frames),), torch.float64),
+            "candidates": ((len(frames),), torch.int64),
+        }
+        for name, kind in kinds.items():
+            column = getattr(panels, name)
+            assert (column.shape, column.dtype) == kind, name
 
     def test_corners_are_clockwise(self) -> None:
         """Corners go clockwise around an area."""
@@ -116,12 +114,8 @@ class LocatorCase(PartCase):
             frames.grey.float(), (16, 0, 8, 0), mode="replicate"
         )
         moved = self.locator()(Frames.whole(wide.to(torch.uint8)), self.shape)
-        expected = panels.corners_px + torch.tensor([16.0, 8.0])
-        cell_px = torch.maximum(*cell_size_px(panels.corners_px, self.shape))
-        assert (
-            (moved.corners_px - expected).norm(dim=2).amax(1)
-            <= self.tolerance_cells * cell_px
-        ).all()
+        expected_px = panels.corners_px + torch.tensor([16.0, 8.0])
+        self.assert_near(moved.corners_px, expected_px)
 
     def test_arrays_are_taken(self) -> None:
         """A NumPy array is as good as a tensor."""
