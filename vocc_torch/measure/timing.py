@@ -46,7 +46,6 @@ def interleaved(
     *,
     warm_up: int = 2,
     primed: bool = False,
-    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[Name, tuple[float, ...]]:
     """Time calls in rounds, each once a round, so that a busy period of the machine affects all calls.
 
@@ -60,7 +59,6 @@ def interleaved(
         warm_up: untimed rounds at the start, at least 0, for allocation, compilation and cached values.
         primed: run each call once untimed right before it is timed, so that the caches hold its own data, as
             in a receiver that runs continuously.
-        clock: gives seconds.
 
     Returns:
         How long each call took, round by round, s.
@@ -78,10 +76,10 @@ def interleaved(
             if primed:
                 calls[name]()
             _finish(device)
-            begin = clock()
+            begin = time.perf_counter()
             calls[name]()
             _finish(device)
-            spent = clock() - begin
+            spent = time.perf_counter() - begin
             if turn >= warm_up:
                 seconds[name] += (spent,)
     return seconds
