@@ -149,7 +149,9 @@ def train(
         parts.classifiers[receiver.save] = ClassifierSettings(
             build={TARGET: classifier}
         )
-    elif classifier not in (*FLDA_FEATURES, *(["flda"] if features else [])):
+    elif classifier not in FLDA_FEATURES and not (
+        classifier == "flda" and features is not None
+    ):
         trained = {*options_of("classifier")} - {*TEMPLATES}
         if classifier not in trained:
             known = told_known(classifier, [*FLDA_FEATURES, *sorted(trained)])

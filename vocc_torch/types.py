@@ -442,11 +442,11 @@ class Candidates(Batched):
             >>> frame.tolist(), panels.found.tolist()
             ([0, 1], [False, True])
         """
-        sure, pairs = ~(self.false_alarms > most_false_alarms), list[tuple[int, int]]()
-        told = list(enumerate(zip(self.frame.tolist(), sure.tolist(), strict=True)))
+        sure, whose = ~(self.false_alarms > most_false_alarms), self.frame.tolist()
+        told, pairs = sure.tolist(), list[tuple[int, int]]()
         for number in range(frames):
-            seen = {row: is_sure for row, (frame, is_sure) in told if frame == number}
-            chosen = [row for row in seen if seen[row]][:most] or [*seen, -1][:1]
+            seen = [row for row, frame in enumerate(whose) if frame == number]
+            chosen = [row for row in seen if told[row]][:most] or seen[:1] or [-1]
             pairs += [(number, row) for row in chosen]
         frame, row = self.frame.new_tensor(pairs).view(-1, 2).unbind(1)
         # The last row stands for nothing seen.

@@ -155,12 +155,11 @@ class Job:
         for views in every:
             rows = (
                 (
-                    half_errors(bits, view.bits, found),
-                    found.long(),
+                    half_errors(bits, view.bits, view.panels.found),
+                    view.panels.found.long(),
                     view.misplaced.long(),
                 )
                 for bits, view in self.decisions(views)
-                for found in [view.panels.found]
             )
             seen = next(iter(views.values()))
             groups = group_of(self.plan.experiment, link, seen)
