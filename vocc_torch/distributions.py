@@ -8,7 +8,7 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vocc_torch.errors import VoccError, is_finite, section
+from vocc_torch.errors import VoccError, demand_within, is_finite, section
 
 SCENE_RANGES = {
     "ambient_lx": (0.0, 1e12),
@@ -33,12 +33,9 @@ def demand_in_range(name: str, low: float, high: float) -> None:
     Example:
         >>> demand_in_range("distance_m", 30.0, 70.0)
     """
-    (least, most), above = SCENE_RANGES[name], name in ABOVE_LOWEST
-    if low < least or (above and low == least):
-        rule = "above" if above else "at least"
-        raise VoccError.of(f"scene.{name}", f"{low:g}", f"{rule} {least:g}")
-    if high > most:
-        raise VoccError.of(f"scene.{name}", f"{high:g}", f"at most {most:g}")
+    above = name in ABOVE_LOWEST
+    for number in (low, high):
+        demand_within(f"scene.{name}", number, *SCENE_RANGES[name], above=above)
 
 
 Kind = Literal["constant", "uniform", "log_uniform", "choice"]

@@ -147,8 +147,6 @@ class Scene(Batched):
             )
             lows, highs = torch.stack(table.aminmax(dim=1)).tolist()
             for name, low, high in zip(SCENE_RANGES, lows, highs, strict=True):
-                if not (math.isfinite(low) and math.isfinite(high)):
-                    raise VoccError(f"scene.{name} holds a value that is not finite")
                 demand_in_range(name, low, high)
         return self.each(lambda value: value.to(torch.float64))
 
