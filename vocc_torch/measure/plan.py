@@ -1,6 +1,7 @@
 """The plan of a study: scene, receivers, budget, and identity."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Self
@@ -12,8 +13,8 @@ from vocc_torch.distributions import parsed_scene
 from vocc_torch.errors import (
     VoccError,
     demand_least,
+    demand_within,
     demand_word,
-    finite_number,
     section,
 )
 from vocc_torch.measure.config import Budget as Budget
@@ -146,8 +147,8 @@ class ReceiverPlan:
 
     def __post_init__(self) -> None:
         """Check every name, and the rate."""
-        if not finite_number("receiver.false_alarms", self.false_alarms) > 0:
-            raise VoccError.of("receiver.false_alarms", self.false_alarms, "above 0")
+        key = "receiver.false_alarms"
+        demand_within(key, self.false_alarms, 0, math.inf, above=True)
         demand_word("receiver.preambles", self.preambles, ("frame", "located"))
         plugged_in = [classifier.name for classifier in self.classifiers]
         check_receivers(self.names, plugged_in)
