@@ -27,7 +27,7 @@ class DetectorSettings:
     likely: float = 1.0  # log odds of a candidate that goes on however good others are
     perspective_leds: int = 16  # of a side, from which perspective stays
     sure_logit: float = 4.0  # a candidate placed so well has not slipped
-    least_logit: float = 1.0  # of the judge, of a best candidate that may have slipped
+    least_logit: float = 2.0  # of the judge, of a best candidate that may have slipped
     slipped: tuple[int, ...] = (4, 4)  # slips left after each look of the placer
     aside: float = 3.0  # log odds that a place a cell aside of a sure one may lack
     likelier: float = 1.5  # log odds by which a slip must be better than what is there
@@ -97,8 +97,8 @@ def candidates(networks: Networks, pyramid: Pyramid, shape: PanelShape) -> Place
     found = placed_well(networks, pyramid, quads, shape, options.placed)
     if likely >= options.least_logit and found.odds.amax() < options.sure_logit:
         quads = torch.cat([slips(start, shape), asides(found.best, shape)])
-        left = options.slipped
-        found = found.joined(placed_well(networks, pyramid, quads, shape, left))
+        least, left = float(found.odds.amax()), options.slipped
+        found = found.joined(placed_well(networks, pyramid, quads, shape, left, least))
     if found.odds.amax() >= options.sure_logit:
         quads = asides(found.best, shape)
         least = float(found.odds.amax()) - options.aside
@@ -122,12 +122,13 @@ def placed_well(
         quads: corners.
         shape: rows and columns.
         left: how many of the best go on after each look.
-        least: log odds of those that go on.
+        least: log odds at the last look, of those that are seen in all views.
     """
     for count in left:
         odds, moved = placed(networks.placer, pyramid, quads, shape)
         order = likeliest(odds, count)
-        quads = flattened(moved[order[odds[order] > least]], shape)
+        quads, odds = flattened(moved[order], shape), odds[order]
+    quads = quads[odds > least]
     if len(quads):
         odds, quads = placed_in_views(networks.placer, pyramid, quads, shape)
     return Placed(quads, odds[: len(quads)])
