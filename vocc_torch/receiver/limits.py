@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass
 
-from vocc_torch.errors import VoccError, demand_within, demand_word, whole_number
+from vocc_torch.errors import VoccError, demand_ranges, demand_word, within
 
 MOST_CLOSING_PX = (1 << 16) - 1
-MOST_AREA_PX = 1 << 40
 QUADRILATERALS = ("min_area", "upright")
 
 
@@ -27,9 +26,9 @@ class LocatorLimits:
     """
 
     closing_px: int = 11
-    min_area_px: int = 100
-    min_rectangularity: float = 0.5
-    min_compactness: float = 0.81
+    min_area_px: int = within(1, 1 << 40, default=100, whole=True)
+    min_rectangularity: float = within(0, 1, default=0.5)
+    min_compactness: float = within(0, 1, default=0.81)
     quadrilateral: str = "min_area"
 
     def __post_init__(self) -> None:
@@ -41,7 +40,5 @@ class LocatorLimits:
                 side,
                 f"odd, at least 1 and at most {MOST_CLOSING_PX}",
             )
-        whole_number("location.min_area_px", self.min_area_px, 1, MOST_AREA_PX)
-        for name in ("min_rectangularity", "min_compactness"):
-            demand_within(f"location.{name}", getattr(self, name), 0, 1)
+        demand_ranges("location", self)
         demand_word("location.quadrilateral", self.quadrilateral, QUADRILATERALS)

@@ -1,9 +1,9 @@
 """Convex hulls of blobs, the rectangles around them and how panel-like they are (section IV-B-2).
 
 A blob comes as the first and last mask pixel of each of its rows: no other pixel can be a vertex of its hull.
-Here a pixel is a point, its column and row; :func:`minimum_area_rectangle` and :func:`upright_rectangle` convert
-to the continuous coordinates of :mod:`vocc_torch.types`. Everything before the final corners is exact integer
-arithmetic in float64, so a blob's result does not depend on its place, its device or the rest of the batch.
+Here a pixel is a point, its column and row; :func:`rectangle_around` converts to the continuous coordinates of
+:mod:`vocc_torch.types`. Everything before the final corners is exact integer arithmetic in float64, so a blob's
+result does not depend on its place, its device or the rest of the batch.
 """
 
 import math
@@ -28,21 +28,6 @@ class HullSettings:
 
 
 HULL = HullSettings()
-
-
-class Rectangles(NamedTuple):
-    """Rectangles around blobs.
-
-    Args:
-        corners_px: (M,4,2) ``(x, y)``, clockwise from the top left; the first side, top left to top right, is
-            turned by more than -45 and at most 45 degrees from the image's rows.
-        width_px: (M,) length of the first side.
-        height_px: (M,) length of the second side.
-    """
-
-    corners_px: Tensor
-    width_px: Tensor
-    height_px: Tensor
 
 
 def convex_hull(first: Tensor, last: Tensor, *, at_once: bool = False) -> Tensor:
@@ -139,49 +124,37 @@ def _extents(hull: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:
     return low, high
 
 
-def _around(
-    direction: Tensor, low: Tensor, high: Tensor, expand_px: float
-) -> Rectangles:
-    """Return the rectangles with sides along directions (M,2), between the ends (M,2) of :func:`_extents`."""
-    length = direction.square().sum(1, keepdim=True).sqrt()
-    low, high = low / length - expand_px, high / length + expand_px
-    (left, top), (right, bottom) = low.unbind(1), high.unbind(1)
-    along = torch.stack([left, right, right, left], 1)
-    across = torch.stack([top, top, bottom, bottom], 1)
-    ux, uy = (direction / length)[:, None].unbind(2)
-    turned = torch.stack([along * ux - across * uy, along * uy + across * ux], 2)
-    return Rectangles(turned + 0.5, *(high - low).unbind(1))
-
-
-def minimum_area_rectangle(hull: Tensor, expand_px: float = 0.5) -> Rectangles:
-    """Find the rectangle of least area around each hull.
+def rectangle_around(hull: Tensor, upright: bool = False) -> tuple[Tensor, Tensor]:
+    """Find the rectangle of least area around each hull, or its bounding box.
 
     One of its sides lies along an edge of the hull (Freeman and Shapira 1975), so every edge is tried. Of
     areas equal to 1e-9 the least turned rectangle is taken, the clockwise one of two turned alike. The hull's
     points are pixel centres and the panel's edge lies about half a pixel outside the outermost ones, hence
-    the rectangle grows by ``expand_px`` on each side.
+    the rectangle grows by half a pixel on each side.
 
     Args:
         hull: (M,V,2) vertices from :func:`convex_hull`.
-        expand_px: growth on each side after the choice, px, at least 0.
+        upright: whether only the bounding box is tried.
 
     Returns:
-        The rectangles, in the continuous coordinates of :mod:`vocc_torch.types`.
+        (M,4,2) corners in the continuous coordinates of :mod:`vocc_torch.types`, clockwise from the top left;
+        the first side, top left to top right, is turned by more than -45 and at most 45 degrees from the
+        image's rows. And (M,2) lengths of the first and of the second side, px.
 
     Example:
         >>> hull = convex_hull(torch.tensor([[0, 0]]), torch.tensor([[2, 2]]))
-        >>> minimum_area_rectangle(hull).corners_px[0].tolist()
-        [[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0]]
+        >>> rectangle_around(hull)[0].tolist()
+        [[[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0]]]
     """
     # The upright rectangle is always tried.
-    x, y = nn.functional.pad(hull.roll(-1, 1) - hull, [0, 0, 0, 1]).unbind(2)
-    x[:, -1] = 1.0
+    edges = nn.functional.pad(hull.roll(-1, 1) - hull, [0, 0, 0, 1])
+    edges[:, -1, 0] = 1.0
+    x, y = (edges[:, -1:] if upright else edges).unbind(2)
     # By quarter turns into (-45, 45] degrees.
     steep = y.abs() > x.abs()
     x, y = torch.where(steep, y, x), torch.where(steep, -x, y)
     y, x = torch.where(x < 0, -y, y), x.abs()
-    corner = y == -x
-    x, y = torch.where(corner, -y, x), torch.where(corner, x, y)
+    y = torch.where(y == -x, x, y)
     edge = torch.stack([x, y], 2)
     low, high = _extents(hull, edge)
     square, spans = x * x + y * y, (high - low).prod(2)
@@ -193,71 +166,36 @@ def minimum_area_rectangle(hull: Tensor, expand_px: float = 0.5) -> Rectangles:
     edge, low, high = (
         part.gather(1, chosen.expand(-1, 1, 2))[:, 0] for part in (edge, low, high)
     )
-    return _around(edge, low, high, expand_px)
+    length = edge.square().sum(1, keepdim=True).sqrt()
+    low, high = low / length - 0.5, high / length + 0.5
+    (left, top), (right, bottom) = low.unbind(1), high.unbind(1)
+    along = torch.stack([left, right, right, left], 1)
+    across = torch.stack([top, top, bottom, bottom], 1)
+    ux, uy = (edge / length)[:, None].unbind(2)
+    turned = torch.stack([along * ux - across * uy, along * uy + across * ux], 2)
+    return turned + 0.5, high - low
 
 
-def upright_rectangle(hull: Tensor, expand_px: float = 0.5) -> Rectangles:
-    """Find the bounding box of each hull; arguments and result as in :func:`minimum_area_rectangle`.
-
-    Example:
-        >>> hull = convex_hull(torch.tensor([[1, 0]]), torch.tensor([[1, 0]]))
-        >>> upright_rectangle(hull).corners_px[0].tolist()
-        [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
-    """
-    low, high = hull.aminmax(dim=1)
-    direction = torch.zeros_like(low)
-    direction[:, 0] = 1.0
-    return _around(direction, low, high, expand_px)
-
-
-def compactness(area: Tensor, perimeter: Tensor, shape: PanelShape) -> Tensor:
-    """Compare a hull's isoperimetric quotient ``Q = 4 pi A / P^2`` with the panel's own.
-
-    An ideal panel of R x C square cells has ``Q0 = pi R C / (R + C)^2``; the measure is the lesser of ``Q /
-    Q0`` and ``Q0 / Q``, so that a long lamp and a round one both fall behind.
-
-    Args:
-        area: (M,) area of the convex hull, px^2, above 0.
-        perimeter: (M,) its perimeter, px, above 0.
-        shape: the panel looked for.
-
-    Returns:
-        (M,) in 0 to 1: 1 for a rectangle of the panel's proportions, pi / 4 for a disc and a square panel.
+def likeness(ratio: Tensor) -> Tensor:
+    """Turn ratios above 0 into 0 to 1: the lesser of the ratio and its inverse.
 
     Example:
-        >>> compactness(torch.tensor([9.0]), torch.tensor([12.0]), PanelShape(8, 8)).item()
-        1.0
+        >>> likeness(torch.tensor([0.5, 1.0, 2.0])).tolist()
+        [0.5, 1.0, 0.5]
     """
-    ideal = math.pi * shape.leds / (shape.rows + shape.columns) ** 2
-    relative = (4 * math.pi / ideal) * area / perimeter.square()
-    return torch.minimum(relative, 1 / relative)
-
-
-def proportion(width: Tensor, height: Tensor, shape: PanelShape) -> Tensor:
-    """Compare a rectangle's sides with those of R x C square cells: ``a = (w R) / (h C)``, or 1 / a if less.
-
-    Args:
-        width: (M,) length of the rectangle's first side, px, above 0.
-        height: (M,) length of its second side, px, above 0.
-        shape: the panel looked for.
-
-    Returns:
-        (M,) in 0 to 1: 1 for the panel's own proportions.
-
-    Example:
-        >>> proportion(torch.tensor([20.0]), torch.tensor([5.0]), PanelShape(8, 16)).item()
-        0.5
-    """
-    relative = (width * shape.rows) / (height * shape.columns)
-    return torch.minimum(relative, 1 / relative)
+    return torch.minimum(ratio, 1 / ratio)
 
 
 class Measures(NamedTuple):
     """How panel-like each blob is; ``score`` is rectangularity x compactness x proportion^2.
 
-    Rectangularity is the share of its minimum-area rectangle that a closed blob fills, 0 to 1: 1 for a
-    rectangle, pi / 4 for a disc; see :func:`compactness` and :func:`proportion` for the others. Proportion
-    counts twice, for it is what suffers first when a panel is merged with something beside it.
+    - Rectangularity is the share of its minimum-area rectangle that a closed blob fills: 1 for a rectangle,
+      pi / 4 for a disc.
+    - Compactness compares the hull's isoperimetric quotient ``Q = 4 pi A / P^2`` with that of an ideal panel
+      of R x C square cells, ``Q0 = pi R C / (R + C)^2``: 1 for a rectangle of the panel's proportions, less
+      for a long lamp and for a round one; pi / 4 for a disc and a square panel.
+    - Proportion compares the rectangle's sides with those of R x C square cells, ``(w R) / (h C)``. It counts
+      twice, for it is what suffers first when a panel is merged with something beside it.
 
     Args:
         corners_px: (M,4,2) in the mask's coordinates.
@@ -303,13 +241,17 @@ def measure_blobs(
     """
     hull = convex_hull(first, last, at_once=at_once)
     area, perimeter = hull_area_and_perimeter(hull)
-    least = minimum_area_rectangle(hull)
-    around = least if limits.quadrilateral == "min_area" else upright_rectangle(hull)
-    rectangle = least.width_px * least.height_px
+    corners, sides = rectangle_around(hull)
+    if limits.quadrilateral == "upright":
+        corners, _ = rectangle_around(hull, upright=True)
+    width, height = sides.unbind(1)
+    rectangle = width * height
     # Cells of a coarse level overlap the blob's edge: a true closing stays within the hull.
     filled = (torch.minimum(area_px, area) / rectangle).clamp(max=1.0)
-    compact = compactness(area, perimeter, shape)
+    ideal = math.pi * shape.leds / (shape.rows + shape.columns) ** 2
+    compact = likeness((4 * math.pi / ideal) * area / perimeter.square())
     within = (filled >= limits.min_rectangularity) & (compact >= limits.min_compactness)
-    score = filled * compact * proportion(least.width_px, least.height_px, shape) ** 2
+    proportion = likeness((width * shape.rows) / (height * shape.columns))
+    score = filled * compact * proportion**2
     pitch = (rectangle / shape.leds).sqrt()
-    return Measures(around.corners_px + place_px[:, None], within, score, pitch)
+    return Measures(corners + place_px[:, None], within, score, pitch)

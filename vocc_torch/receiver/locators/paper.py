@@ -272,14 +272,11 @@ def demand_on_sensor(frames: Frames) -> None:
 def _on_sensor(crop: Frames) -> Frames:
     """Fill one crop up to its whole sensor with its surround."""
     assert crop.surround is not None
-    level = int(crop.surround.round().clamp(0, 255))
-    grey = torch.full(
-        (1, 1, *crop.sensor_px), level, dtype=torch.uint8, device=crop.grey.device
-    )
+    (high, wide), (height, width) = crop.sensor_px, crop.grey.shape[-2:]
     x, y = crop.origin_px[0].tolist()
-    height, width = crop.grey.shape[-2:]
-    grey[..., y : y + height, x : x + width] = crop.grey
-    return Frames.whole(grey)
+    beyond = (x, wide - width - x, y, high - height - y)
+    level = int(crop.surround.round().clamp(0, 255))
+    return Frames.whole(nn.functional.pad(crop.grey, beyond, value=level))
 
 
 def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
