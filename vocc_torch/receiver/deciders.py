@@ -209,16 +209,14 @@ def feature_indices(name: str) -> list[int]:
     return [FEATURE_NAMES.index(feature) for feature in FLDA_FEATURES[name]]
 
 
-def decider_of(
-    name: str, classifier: FLDA | FldaDecider | Guarded
-) -> FldaDecider | Guarded:
+def decider_of(name: str, classifier: FLDA | Guarded) -> FldaDecider | Guarded:
     """Return the classifier of a saved receiver: by its name, or FLDA on named features.
 
     Raises:
         VoccError: neither, a name that is not the classifier's, or another number of features.
     """
-    demand_kind("classifier", classifier, torch.nn.Module, Guarded, FldaDecider)
-    if isinstance(classifier, torch.nn.Module):
+    demand_kind("classifier", classifier, FLDA, Guarded)
+    if isinstance(classifier, FLDA):
         return FldaDecider(name, classifier)
     if name != classifier.name:
         raise VoccError.of(
@@ -227,13 +225,13 @@ def decider_of(
     return classifier
 
 
-def decider_from(
+def classifier_from(
     name: str,
     settings: Mapping[str, Any] | None,
     arrays: Mapping[str, Tensor],
     plug_ins: Sequence[str] = (),
-) -> FldaDecider | Guarded:
-    """Build what decides from what its ``model`` gave; FLDA has no settings.
+) -> FLDA | Guarded:
+    """Build the classifier from what its decider's ``model`` gave; FLDA has no settings.
 
     Raises:
         VoccError: statistics that are not finite, or as :func:`plugged.loaded`.
@@ -244,4 +242,4 @@ def decider_from(
     flda.load_state_dict(arrays)
     if not bool(flda.direction.isfinite().all()):
         raise VoccError("its statistics are not finite")
-    return FldaDecider(name, flda)
+    return flda

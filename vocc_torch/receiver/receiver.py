@@ -16,7 +16,7 @@ from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.calibration import APPEARANCE, Calibration, Ranges, appearance
 from vocc_torch.receiver.classifiers import Guarded
 from vocc_torch.receiver.classifiers.inputs import demand_features
-from vocc_torch.receiver.deciders import FldaDecider, decider_from, decider_of
+from vocc_torch.receiver.deciders import classifier_from, decider_of
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.locators.touching import locate_several
@@ -86,7 +86,7 @@ class Receiver(torch.nn.Module):
         name: str,
         locator: PanelLocator,
         reader: Reader,
-        classifier: FLDA | FldaDecider | Guarded,
+        classifier: FLDA | Guarded,
         calibration: Calibration | None = None,
         trained_on: Ranges | None = None,
     ) -> None:
@@ -107,11 +107,8 @@ class Receiver(torch.nn.Module):
     @property
     def classifier(self) -> FLDA | Guarded:
         """FLDA or another classifier."""
-        return (
-            self.decider
-            if isinstance(self.decider, Guarded)
-            else self.decider.classifier
-        )
+        decider = self.decider
+        return decider if isinstance(decider, Guarded) else decider.classifier
 
     @property
     def device(self) -> torch.device:
@@ -123,6 +120,7 @@ class Receiver(torch.nn.Module):
         """Rows and columns of the panel."""
         return self.reader.shape
 
+    @torch.no_grad()
     def decode(self, images: Images) -> Decoded:
         """Read the bits of B whole images.
 
@@ -133,11 +131,9 @@ class Receiver(torch.nn.Module):
         Raises:
             VoccError: another type or shape.
         """
-        with torch.inference_mode():
-            decoded = self.forward(Frames.of(images, "images"))
-        # Copies, for tensors made in inference mode take no part in autograd.
-        return Decoded(*(batch.clone() for batch in decoded))
+        return self.forward(Frames.of(images, "images"))
 
+    @torch.no_grad()
     def decode_several(self, images: Images, most: int) -> tuple[list[int], Decoded]:
         """Read up to ``most`` panels per image. Return the image number of each panel, and what was read.
 
@@ -150,13 +146,10 @@ class Receiver(torch.nn.Module):
                 "this receiver's locator sees one panel in a frame: detector sees several"
             )
         whole_number("most", most, 1)
-        with torch.inference_mode():
-            found = locate_several(self.locator, frames, self.shape, most)
-            whose, panels = found.panels(
-                len(frames), self.locator.most_false_alarms, most
-            )
-            decoded = self.forward(frames[whose], panels)
-        return whose.tolist(), Decoded(*(batch.clone() for batch in decoded))
+        found = locate_several(self.locator, frames, self.shape, most)
+        limit = self.locator.most_false_alarms
+        whose, panels = found.panels(len(frames), limit, most)
+        return whose.tolist(), self.forward(frames[whose], panels)
 
     def forward(self, frames: Images, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at ``panels`` if given; score 0 is On (Eq. 18).
@@ -207,8 +200,8 @@ class Receiver(torch.nn.Module):
         if state["name"] != self.name:
             raise VoccError.of("the state's receiver", repr(state["name"]), self.name)
         self.calibration = Calibration.read(state["calibration"])
-        decider = decider_from(self.name, state["classifier"], state["arrays"])
-        self.decider = decider.to(self.device)
+        learned = classifier_from(self.name, state["classifier"], state["arrays"])
+        self.decider = decider_of(self.name, learned).to(self.device)
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
         """Follow moves between devices with what decides, which is no module."""
@@ -279,9 +272,9 @@ class Receiver(torch.nn.Module):
                 for quantity in APPEARANCE
                 if ranges
             }
-            learned = settings.get("classifier")
-            decider = decider_from(name, learned, state, plug_ins)
-            return cls(name, locator, reader, decider, calibration, trained_on)
+            described = settings.get("classifier")
+            classifier = classifier_from(name, described, state, plug_ins)
+            return cls(name, locator, reader, classifier, calibration, trained_on)
         except UNFIT as error:
             reason = (str(error).splitlines() or [type(error).__name__])[0]
             if len(reason) > MOST_LETTERS:

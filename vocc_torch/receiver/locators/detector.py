@@ -15,7 +15,7 @@ from vocc_torch.receiver.detector.weights import Networks, load_networks
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.locators.paper import PaperLocator, exact_frames
 from vocc_torch.receiver.locators.protocol import PanelLocator
-from vocc_torch.types import Candidates, Images, PanelShape
+from vocc_torch.types import Candidates, Images, PanelShape, without_autocast
 
 PARTS_PER_PX = 1024.0
 """Corners are rounded to such parts of a pixel, for the same numbers on every machine."""
@@ -129,14 +129,13 @@ class DetectorLocator(PanelLocator):
         """
         demand_kind("shape", shape, PanelShape)
         exact = exact_frames(frames)
-        device, table = exact.grey.device, None
-        if self.weights is None:
-            self.demand_shape(shape)
-            table = calibrated(self.name, shape)
+        device = exact.grey.device
+        self.demand_shape(shape)
+        table = None if self.weights else calibrated(self.name, shape)
         networks = self.networks(device)
         none = torch.zeros(0, dtype=torch.float64, device=device)
         found = [Candidates(none.long(), none.new_zeros(0, 4, 2), none, none)]
-        with torch.inference_mode(), torch.autocast(device.type, enabled=False):
+        with torch.inference_mode(), without_autocast(device):
             # Frame by frame: what is found does not depend on how many come together.
             for number in range(len(exact) if exact.grey.numel() else 0):
                 quads, odds = detected(networks, exact[number : number + 1], shape)

@@ -16,7 +16,14 @@ from vocc_torch.receiver.locators.paper import (
     exact_frames,
 )
 from vocc_torch.receiver.locators.protocol import PanelLocator
-from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
+from vocc_torch.types import (
+    Candidates,
+    Frames,
+    Images,
+    Panels,
+    PanelShape,
+    without_autocast,
+)
 
 
 @dataclass(frozen=True)
@@ -123,26 +130,16 @@ class RefinedLocator(PanelLocator):
         Raises:
             VoccError: what :func:`vocc_torch.receiver.locators.paper.exact_frames` refuses.
         """
-        # In half precision a fit would find no lattice.
         demand_kind("shape", shape, PanelShape)
         exact = foreground.trimmed(exact_frames(frames))
-        with (
-            torch.inference_mode(),
-            torch.autocast(exact.grey.device.type, enabled=False),
-        ):
-            panels: Panels
-            if (
-                max(shape.rows, shape.columns) > REFINED.most_leds
-                or not exact.grey.numel()
-            ):
-                panels = self.paper(exact, shape)
-            else:
-                choice = (self._in_whole if exact.surround is None else self._in_crops)(
-                    exact, shape
-                )
-                left = (~choice.found).nonzero()[:, 0]
-                self._left_to_paper(choice, left, exact[left], shape)
-                panels = choice
+        if max(shape.sides) > REFINED.most_leds or not exact.grey.numel():
+            return self.paper(exact, shape)
+        # In half precision a fit would find no lattice.
+        with torch.inference_mode(), without_autocast(exact.grey.device):
+            is_whole = exact.surround is None
+            panels = (self._in_whole if is_whole else self._in_crops)(exact, shape)
+            left = (~panels.found).nonzero()[:, 0]
+            self._left_to_paper(panels, left, exact[left], shape)
         # Copies, for tensors made in inference mode take no part in autograd.
         return panels.each(torch.clone)
 
