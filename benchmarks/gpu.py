@@ -31,7 +31,7 @@ from vocc_torch.measure.plan import World
 from vocc_torch.measure.timing import describe_machine, interleaved, median_of
 from vocc_torch.plugins import one_line
 from vocc_torch.receiver.deciders import bank_of
-from vocc_torch.receiver.features import led_features, rectified_means
+from vocc_torch.receiver.features import cell_means, led_features
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
@@ -332,7 +332,7 @@ def compiled(settings: Settings) -> Iterator[Row]:
     needed = ("agr", "gri", "ngr")
 
     def features(patches: torch.Tensor) -> torch.Tensor:
-        means = rectified_means(patches, SHAPE)
+        means = cell_means(patches, SHAPE)
         return led_features(patches, means, SHAPE, *sizes, "sobel", needed)
 
     graph: Callable[[torch.Tensor], torch.Tensor] = torch.compile(

@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -85,33 +84,15 @@ class Calibration:
 
     def __call__(self, scores: Tensor) -> Tensor:
         """Turn scores into log-likelihood ratios, float64, of the scores' shape."""
-        detached = scores.detach().double()
-        on, off = self._tables
-        return torch.where(
-            detached >= 0, _interpolated(detached, on), -_interpolated(-detached, off)
-        )
-
-    @cached_property
-    def _tables(self) -> tuple[Tensor, Tensor]:
-        """Distances, sizes and the slopes behind them, (3,n) float64, of On and of Off."""
-        with torch.inference_mode(False):  # normal tensors, for they are kept
-            sides = [
-                torch.from_numpy(np.array(side, dtype=np.float64))
-                for side in (self.on, self.off)
-            ]
-            slopes = [
-                torch.nn.functional.pad(y.diff() / x.diff(), (0, 1)) for x, y in sides
-            ]
-            on, off = (
-                torch.cat([knots, slope[None]])
-                for knots, slope in zip(sides, slopes, strict=True)
-            )
-            return on, off
+        exact = scores.detach().double()
+        sizes = _interpolated(exact, self.on), _interpolated(-exact, self.off)
+        return torch.where(exact >= 0, sizes[0], -sizes[1])
 
 
-def _interpolated(at: Tensor, table: Tensor) -> Tensor:
+def _interpolated(at: Tensor, points: tuple[tuple[float, ...], ...]) -> Tensor:
     """Interpolate between ascending points, as ``np.interp`` does to the last bit, on any device."""
-    places, values, slopes = table.to(at.device)
+    places, values = torch.tensor(points, dtype=torch.float64).to(at.device)
+    slopes = torch.nn.functional.pad(values.diff() / places.diff(), (0, 1))
     at = at.clamp(max=places[-1])
     left = ((at[..., None] >= places).sum(-1) - 1).clamp(min=0)
     begin = places[left]

@@ -155,13 +155,10 @@ class ClassScatter(Batched):
         """
         theirs = other.to(self.mean.device)
         count = self.count + theirs.count
-        share = (theirs.count / count.clamp(min=1).double())[..., None]
+        share = (theirs.count / count.clamp(min=1).double())[:, None]
         step = theirs.mean - self.mean
-        spread = (
-            step[..., None]
-            * step[..., None, :]
-            * (self.count[..., None] * share)[..., None]
-        )
+        weight = self.count[:, None] * share
+        spread = step[..., None] * step[:, None] * weight[..., None]
         return type(self)(
             count, self.mean + step * share, self.scatter + theirs.scatter + spread
         )
@@ -182,8 +179,8 @@ class ClassScatter(Batched):
                 f"features is {chosen}: it must name distinct features from 0 to {known - 1}"
             )
         index = torch.tensor(chosen, dtype=torch.int64)
-        scatter = self.scatter[..., index, :][..., index]
-        return type(self)(self.count.clone(), self.mean[..., index], scatter)
+        scatter = self.scatter[:, index][..., index]
+        return type(self)(self.count.clone(), self.mean[:, index], scatter)
 
     def checked(self) -> Self:
         """Return these statistics, or refuse them where they are out of range.

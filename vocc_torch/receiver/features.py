@@ -65,17 +65,12 @@ def cell_means(patches: Tensor, shape: PanelShape) -> Tensor:
     """Mean grey value of every cell, the margin's included: (B,1,(R+2)K,(C+2)K) to (B,R+2,C+2).
 
     Raises:
-        VoccError: patches of another shape, or means that are no grey values, NaN or negative.
+        VoccError: patches of another shape.
 
     Example:
         >>> cell_means(torch.full((1, 1, 12, 12), 7.0), PanelShape(2, 2))[0].unique().tolist()
         [7.0]
     """
-    return checked_greys(rectified_means(patches, shape), "cell means")
-
-
-def rectified_means(patches: Tensor, shape: PanelShape) -> Tensor:
-    """Give :func:`cell_means` of patches whose grey values were looked at as they were rectified."""
     return nn.functional.avg_pool2d(patches, _samples_per_led(patches, shape))[:, 0]
 
 
@@ -234,7 +229,7 @@ def led_features(
 
     Args:
         patches: see :func:`gradient_radial_inwardness`; grey values, as rectified.
-        means: what :func:`rectified_means` gave of the patches. None will do for GRI alone.
+        means: what :func:`cell_means` gave of the patches. None will do for GRI alone.
         shape: rows and columns.
         cell_width_px: see :func:`gradient_radial_inwardness`.
         cell_height_px: likewise.
@@ -256,8 +251,8 @@ def led_features(
             patches, shape, cell_width_px, cell_height_px, kernel
         )
     if means is not None:
-        own, around = level_ratios(means).unbind(1)
-        agr = own if "agr" in needed else agr
+        levels, around = level_ratios(means).unbind(1)
+        agr = levels if "agr" in needed else agr
         ngr = around if "ngr" in needed else ngr
     return torch.stack([agr, gri, ngr], dim=-1)
 

@@ -183,10 +183,7 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
     """
     # Pseudo-inverses of the spots' profiles, near singular where spots melt together.
     inverses = []
-    for value in (
-        model.rows.spots.double(),
-        model.columns.spots.double(),
-    ):
+    for value in (model.rows.spots.double(), model.columns.spots.double()):
         products = value.mT @ value
         products.diagonal(dim1=1, dim2=2).add_(FIT.ridge)
         inverses.append(torch.linalg.solve(products, value.mT).float())
@@ -214,8 +211,8 @@ def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
 
 def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
     """Return lattices with bits flipped where that fits the picture better, and which frames (B,) changed."""
-    width = 3 * PATCH.samples
-    place = (torch.arange(width, device=model.grey.device) + 0.5) / PATCH.samples - 1.5
+    # From the middle of an LED, over its cell and those beside it.
+    place = sample_cells(1, PATCH.samples, 1).to(model.grey) - 0.5
     across, down = (
         torch.exp(-((place / one[:, None]) ** 2) / 2)
         for one in lattice.blur.float().unbind(1)

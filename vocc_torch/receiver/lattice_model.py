@@ -292,33 +292,23 @@ def search_lattice(
     """
     grey = read_patches(frames, corners_px, shape, SEARCH.margin)
     light = linear_light(grey) - linear_light(background.to(grey.dtype))[:, None, None]
-    sides, products = (shape.columns, shape.rows), [light.mT @ light, light @ light.mT]
+    sides = shape.columns, shape.rows
+    products = light.mT @ light, light @ light.mT
     banks = [_bank(leds, max(sides), light.device) for leds in sides]
-    # Axes of equally many LEDs are searched as one batch.
-    products = [torch.cat(products)] if sides[0] == sides[1] else products
-    pairs = zip(products, banks, strict=False)
-    energy = torch.cat(
-        [
-            product.flatten(1)[:, upper] @ spans
-            for product, (_, _, spans, upper) in pairs
-        ]
-    )
+    size = len(light), SEARCH.pitches, SEARCH.shifts, len(SEARCH.blurs_cells)
     bests = [
-        one.max(2)
-        for one in energy.view(
-            2, len(light), SEARCH.pitches, SEARCH.shifts, len(SEARCH.blurs_cells)
-        )
+        (product.flatten(1)[:, upper] @ spans).view(size).max(2)
+        for product, (_, _, spans, upper) in zip(products, banks, strict=True)
     ]
     # Energy by pitch along the rows, pitch down the columns and blur.
     pitches = torch.arange(SEARCH.pitches, device=light.device)
     both = bests[0].values[:, :, None] + bests[1].values[:, None]
     apart = (pitches[:, None] - pitches).abs() > SEARCH.most_apart
     chosen = both.masked_fill(apart[..., None], -torch.inf).flatten(1).argmax(1)
-    blur, pair = chosen % len(SEARCH.blurs_cells), chosen // len(SEARCH.blurs_cells)
+    *axis_pitches, blur = torch.unravel_index(chosen, both.shape[1:])
     half, middle = [], []
     frame = torch.arange(len(light), device=light.device)
-    pair_pitches = (pair // SEARCH.pitches, pair % SEARCH.pitches)
-    for leds, bank, best, pitch in zip(sides, banks, bests, pair_pitches, strict=True):
+    for leds, bank, best, pitch in zip(sides, banks, bests, axis_pitches, strict=True):
         half.append(bank[0][pitch] * leds / 2)
         middle.append(bank[1][best.indices[frame, pitch, blur]] + leds / 2)
     corners = corner_cells(PanelShape(2, 2)).to(light.device) - 1

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
-from vocc_torch.receiver.classifiers import Guarded, SklearnClassifier
+from vocc_torch.receiver.classifiers import SklearnClassifier
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.types import Frames, Panels
 
@@ -84,11 +84,7 @@ def write_graph(
             the file cannot be written.
     """
     demand_extra()
-    learned = (
-        receiver.classifier.classifier
-        if isinstance(receiver.classifier, Guarded)
-        else None
-    )
+    learned = getattr(receiver.classifier, "classifier", None)
     if isinstance(learned, SklearnClassifier):
         raise VoccError(
             f"receiver {receiver.name} decides by scikit-learn: no ONNX graph of torch has that"

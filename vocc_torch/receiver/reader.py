@@ -18,9 +18,9 @@ from vocc_torch.plugins import PlugIn, blamed
 from vocc_torch.receiver.features import (
     FEATURE_NAMES,
     Gradient,
+    cell_means,
     checked_greys,
     led_features,
-    rectified_means,
 )
 from vocc_torch.receiver.pixel_cells import read_pixels
 from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify
@@ -192,18 +192,17 @@ class Reader:
                 features, average, centre = read_pixels(
                     frames, panels.corners_px, shape, share, kernel
                 )
-            elif "centre" in names:
-                centre = centre_greys(frames, panels, shape)
-            if self.disc_share is None and patches is not None:
-                means = (
-                    rectified_means(patches, shape)
-                    if {"agr", "ngr", "average"} & {*names}
-                    else None
-                )
-                features = led_features(
-                    patches, means, shape, *sizes, self.gradient, names
-                ).double()
-                average = average if means is None else means[:, 1:-1, 1:-1]
+            else:
+                if "centre" in names:
+                    centre = centre_greys(frames, panels, shape)
+                if patches is not None:
+                    means = None
+                    if {"agr", "ngr", "average"} & {*names}:
+                        means = cell_means(patches, shape)
+                        average = means[:, 1:-1, 1:-1]
+                    features = led_features(
+                        patches, means, shape, *sizes, self.gradient, names
+                    ).double()
             patches = frames.grey[..., :0, :0] if patches is None else patches
             if self.more:
                 others = [

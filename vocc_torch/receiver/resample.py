@@ -278,11 +278,8 @@ def _turned(windows: Tensor, wholes: list[Tensor], shares: list[Tensor]) -> Tens
         shares: how far the samples lie from there, across and down.
     """
     wide = windows.shape[2]
-    index = wholes[1] * wide + wholes[0]
-    # Beyond what float32 counts.
-    if not is_exporting() and windows[0].numel() > 1 << 24:
-        index = wholes[1].double() * wide + wholes[0]
-    index, flat = index.long().flatten(1), windows.flatten(1)
+    index = (wholes[1].long() * wide + wholes[0].long()).flatten(1)
+    flat = windows.flatten(1)
     near = [
         flat[:, by:].gather(1, index).view_as(shares[0])
         for by in (0, 1, wide, wide + 1)
@@ -375,7 +372,7 @@ def rectify(
     """
     _check(frames, panels)
     grey = frames.grey
-    dtype = torch.float64 if grey.dtype == torch.float64 else torch.float32
+    dtype = torch.promote_types(grey.dtype, torch.float32)
     corners_px, origin_px = _on_host(frames, panels)
     homography = cell_homography(corners_px, shape)
     cells = (shape.rows + 2 * margin) * (shape.columns + 2 * margin)
@@ -386,28 +383,18 @@ def rectify(
         return _rectified_in_graph(
             frames, homography, factors, shape, samples_per_led, margin, dtype
         )
-    patches: list[tuple[Tensor, Tensor]] = []
+    sides = [(leds + 2 * margin) * samples_per_led for leds in shape.sides]
+    patches = grey.new_empty(len(frames), 1, *sides, dtype=dtype)
     for factor in sorted(set(factors.tolist())):
         x, y = _axes(shape, samples_per_led * factor, margin, dtype)
-        chunk = (
-            SETTINGS.chunk_readings
-            if grey.device.type == "cpu"
-            else SETTINGS.most_readings
-        )
-        for rows in (
-            (factors == factor)
-            .nonzero()[:, 0]
-            .split(max(1, chunk // (len(x) * len(y))))
-        ):
+        chunk = SETTINGS.chunk_readings if grey.is_cpu else SETTINGS.most_readings
+        chosen = (factors == factor).nonzero()[:, 0]
+        for rows in chosen.split(max(1, chunk // (len(x) * len(y)))):
             read = _read(frames, origin_px, rows, homography[rows], x, y)[:, None]
-            patches.append(
-                (rows, nn.functional.avg_pool2d(read, factor) if factor > 1 else read)
-            )
-    if len(patches) == 1:
-        return patches[0][1]
-    order = torch.cat([rows for rows, _ in patches]).argsort()
-    together = torch.cat([patch for _, patch in patches])
-    return together[order.to(grey.device, non_blocking=True)]
+            if factor > 1:
+                read = nn.functional.avg_pool2d(read, factor)
+            patches[rows.to(grey.device, non_blocking=True)] = read
+    return patches
 
 
 def _rectified_in_graph(
@@ -428,8 +415,9 @@ def _rectified_in_graph(
     torch._check(most >= 1)  # type: ignore[no-untyped-call, unused-ignore]
     factor, within = factors[:, None, None], torch.arange(most)
     axes = []
-    for leds in (shape.columns, shape.rows):
-        places = torch.arange((leds + 2 * margin) * samples)[:, None] * factor
+    wide, high = ((leds + 2 * margin) * samples for leds in shape.sides[::-1])
+    for side in (wide, high):
+        places = torch.arange(side)[:, None] * factor
         places = places + torch.minimum(within, factor - 1)
         axes.append(
             (((places.double() + 0.5) / (samples * factor)) - margin)
@@ -440,8 +428,6 @@ def _rectified_in_graph(
     rows = torch.arange(factors.shape[0], device=factors.device)
     read = _read(frames, frames.origin_px, rows, homography, *axes)
     weight = (within < factor).to(dtype)
-    sides = ((leds + 2 * margin) * samples for leds in (shape.rows, shape.columns))
-    high, wide = sides
     read = read.view(-1, high, most, wide, most)
     summed = (read * weight[:, :, :, None, None] * weight[:, :, None, None, :]).sum(
         (2, 4)
@@ -497,5 +483,5 @@ def centre_greys(frames: Frames, panels: Panels, shape: PanelShape) -> Tensor:
     read = frames.grey.flatten(1).gather(1, index).view(row.shape)
     if read.dtype == torch.uint8:  # bytes are grey values
         return read.float()
-    dtype = torch.float64 if read.dtype == torch.float64 else torch.float32
+    dtype = torch.promote_types(read.dtype, torch.float32)
     return checked_greys(read.to(dtype), "frames.grey at the LEDs' centres")

@@ -190,12 +190,11 @@ class Tracker:
 
     def _next(self, frame: Frames) -> list[Track]:
         """Follow in one frame, and search where it is due."""
-        seen = [
-            track
-            for track in self.tracks
-            if track.follow(self.networks, frame, self.shape)
+        networks = self.networks
+        followed = [
+            track for track in self.tracks if track.follow(networks, frame, self.shape)
         ]
-        seen = _apart(seen)
+        seen = _apart(followed)
         self.tracks = [
             track
             for track in self.tracks

@@ -14,8 +14,6 @@ __all__ = [
     "LmmseEqualizer",
     "Mlp",
     "PanelKMeans",
-]
-__all__ += [
     "PanelOtsu",
     "Patch",
     "PatchCnn",

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import blamed
-from vocc_torch.receiver.classifiers.protocol import Batches, fitted, joined
+from vocc_torch.receiver.classifiers.protocol import Batches, Scored, fitted, joined
 from vocc_torch.receiver.classifiers.training import (
     Checkpoint,
     TrainingRecipe,
@@ -20,7 +20,7 @@ from vocc_torch.receiver.classifiers.training import (
 from vocc_torch.types import kind_of
 
 
-class TorchClassifier:
+class TorchClassifier(Scored):
     """Train a module to score LEDs, with inputs brought to mean 0 and spread 1.
 
     The module gets (N,F) float32 and gives (N,) or (N,1), trained with the logistic loss, so that a score is
@@ -89,7 +89,7 @@ class TorchClassifier:
             torch.manual_seed(recipe.seed)
             self.losses, self.earlier_s = train_module(
                 self.module,
-                lambda some: self._score(self._scaled(some)),
+                self._score,
                 shown,
                 recipe,
                 checkpoint,
@@ -104,12 +104,8 @@ class TorchClassifier:
         """
         self.module.eval()
         with torch.inference_mode():
-            scores = self._score(self._scaled(_leds(x)))
+            scores = self._score(_leds(x))
         return scores.reshape(x.shape[:-1]).double()
-
-    def predict(self, x: Tensor) -> Tensor:
-        """Decide every LED."""
-        return self.decision_function(x) >= 0
 
     @property
     def parameters_count(self) -> int:
@@ -136,15 +132,11 @@ class TorchClassifier:
         self.module.load_state_dict(module_state)
         self._scale = state["mean"], state["spread"]
 
-    def _scaled(self, rows: Tensor) -> Tensor:
-        """Bring inputs to mean 0 and spread 1."""
-        mean, spread = fitted(self._scale)
-        return (rows - mean) / spread
-
     def _score(self, rows: Tensor) -> Tensor:
         """Return the module's score of each row, (N,), or refuse another number of them."""
+        mean, spread = fitted(self._scale)
         with blamed(f"forward on {tuple(rows.shape)}"):
-            scores = self.module(rows)
+            scores = self.module((rows - mean) / spread)
         if not isinstance(scores, Tensor) or scores.numel() != rows.shape[0]:
             raise VoccError(
                 f"the module gave {kind_of(scores)} for {len(rows)} LEDs: it must give one score each"
@@ -257,10 +249,7 @@ def _is_no_classifier(estimator: Any) -> bool:
     base = sys.modules.get("sklearn.base")
     if base is None or not isinstance(estimator, base.BaseEstimator):
         return False
-    kinds = (
-        getattr(base, name, None) for name in ("is_clusterer", "is_outlier_detector")
-    )
-    return any(is_kind(estimator) for is_kind in kinds if is_kind is not None)
+    return bool(base.is_clusterer(estimator) or base.is_outlier_detector(estimator))
 
 
 def scaled(estimator: Any) -> Any:

@@ -1,7 +1,7 @@
 """What a classifier sees of each LED: the paper's features, grey values about its cell, or both."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Literal, Self, get_args
 
 import torch
@@ -145,7 +145,7 @@ class Inputs:
             ("inputs", cls, settings),
             ("inputs.patch", Patch, patch or {}),
         ):
-            known = [attribute.name for attribute in fields(kind)]
+            known = kind.__dataclass_fields__
             if stray := [name for name in keywords if name not in known]:
                 raise VoccError(
                     f"{section}.{stray[0]} is not a known key: known are {', '.join(known)}"

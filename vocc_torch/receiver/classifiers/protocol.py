@@ -4,7 +4,7 @@ import io
 import pickle
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar
 
 import torch
 from torch import Tensor
@@ -41,12 +41,20 @@ class Batches(Protocol):
         """Return panels ``first`` to ``first + count`` as batches of ``x`` (B,R,C,F) and bits (B,R,C)."""
 
 
-@runtime_checkable
-class Streaming(Protocol):
-    """A classifier that takes its training panels from a stream, as many as it wants."""
+class Scored:
+    """What decides by its scores alone."""
 
-    def fit_stream(self, batches: Batches, frames: int) -> object:
-        """Learn from a stream; ``frames`` is the training budget of the study."""
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED, (B,R,C); at least 0 is On.
+
+        Raises:
+            NotImplementedError: always: each kind has its own.
+        """
+        raise NotImplementedError
+
+    def predict(self, x: Tensor) -> Tensor:
+        """Decide every LED."""
+        return self.decision_function(x) >= 0
 
 
 class Guarded:
@@ -105,16 +113,15 @@ class Guarded:
         self._guarded("fit", lambda: self.classifier.fit(x, bits))
 
     def fit_stream(self, batches: Batches, frames: int) -> None:
-        """Train from a stream; a classifier that wants its panels at once gets ``frames`` of them.
+        """Train from a stream; a classifier without ``fit_stream`` gets ``frames`` panels at once.
 
         Raises:
             VoccError: as :meth:`fit`.
         """
-        if isinstance(self.classifier, Streaming):
-            streaming = self.classifier
-            self._guarded("fit_stream", lambda: streaming.fit_stream(batches, frames))
-            return
-        self.fit(*joined(batches(0, frames)))
+        if fit_stream := getattr(self.classifier, "fit_stream", None):
+            self._guarded("fit_stream", lambda: fit_stream(batches, frames))
+        else:
+            self.fit(*joined(batches(0, frames)))
 
     def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED, (B,R,C) float64.

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.receiver import discriminant, foreground
-from vocc_torch.receiver.classifiers.protocol import Batches, fitted
+from vocc_torch.receiver.classifiers.protocol import Batches, Scored, fitted
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.levels import two_levels
 
@@ -16,23 +16,7 @@ MOST_ROUNDS = 100
 """Most rounds of a fit: after a few nothing changes."""
 
 
-class _Scored:
-    """What decides by its scores alone."""
-
-    def decision_function(self, x: Tensor) -> Tensor:
-        """Score every LED, (B,R,C); at least 0 is On.
-
-        Raises:
-            NotImplementedError: always: each kind has its own.
-        """
-        raise NotImplementedError
-
-    def predict(self, x: Tensor) -> Tensor:
-        """Decide every LED."""
-        return self.decision_function(x) >= 0
-
-
-class FldaClassifier(_Scored):
+class FldaClassifier(Scored):
     """FLDA on the inputs as they are: features, or whole patches.
 
     Example:
@@ -47,8 +31,7 @@ class FldaClassifier(_Scored):
 
     def fit(self, x: Tensor, bits: Tensor) -> Self:
         """Learn from panels held in memory."""
-        self._rule = FLDA(x.shape[-1]).to(x.device).fit(x, bits).rule
-        return self
+        return self.fit_stream(lambda first, count: iter([(x, bits)]), len(x))
 
     def fit_stream(self, batches: Batches, frames: int) -> Self:
         """Fit from a stream in one pass. Only running sums are held in memory."""
@@ -81,7 +64,7 @@ class FldaClassifier(_Scored):
         return fitted(self._rule).direction.numel() + 1
 
 
-class LmmseEqualizer(_Scored):
+class LmmseEqualizer(Scored):
     """Linear minimum-mean-square-error estimate of each bit from the light about it, by distance.
 
     Where exposures add (``domain=exposure``), the light of a cell is a sum over its neighbours' bits, and the
@@ -164,7 +147,7 @@ class LmmseEqualizer(_Scored):
         return torch.cat([light, torch.ones_like(x[..., :1])], dim=-1).double(), size
 
 
-class _Untrained(_Scored):
+class _Untrained(Scored):
     """What needs no training."""
 
     parameters_count = 0
@@ -265,17 +248,7 @@ def _plane(values: Tensor, chosen: Tensor) -> Tensor:
     # A slope costs as much as one cell's misfit, so that three cells in a row do not tilt it.
     gram = gram + torch.diag(values.new_tensor([1e-9, 1.0, 1.0]))
     right = torch.einsum("bn,bn,ni->bi", weight, values.flatten(1), terms)
-    # By Cramer's rule, in closed form.
-    first, second, third = gram.unbind(1)
-    columns = (
-        torch.linalg.cross(second, third),
-        torch.linalg.cross(third, first),
-        torch.linalg.cross(first, second),
-    )
-    slopes = torch.einsum("bi,bij->bj", right, torch.stack(columns, 1))
-    level = (slopes / (first * columns[0]).sum(1, keepdim=True) @ terms.mT).view_as(
-        values
-    )
+    level = (torch.linalg.solve(gram, right) @ terms.mT).view_as(values)
     # A class without cells has no level of its own: the panel's mean stands in for it.
     lacking = (weight.sum(dim=1) == 0).view(-1, 1, 1)
     return torch.where(lacking, values.mean(dim=(1, 2), keepdim=True), level)

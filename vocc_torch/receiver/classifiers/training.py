@@ -284,12 +284,12 @@ class PatchCnn(nn.Module):
             raise VoccError.of(
                 "n_inputs", n_inputs, "the size of a patch from 4 x 4 on, or one more"
             )
-        first, second = (
-            nn.Conv2d(1, channels, 3, padding=1),
-            nn.Conv2d(channels, 2 * channels, 3),
-        )
         self.convolutions = nn.Sequential(
-            first, nn.ReLU(), nn.MaxPool2d(2), second, nn.ReLU()
+            nn.Conv2d(1, channels, 3, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2),
+            nn.Conv2d(channels, 2 * channels, 3),
+            nn.ReLU(),
         )
         flat = 2 * channels * (self.side // 2 - 2) ** 2
         self.decide = nn.Sequential(

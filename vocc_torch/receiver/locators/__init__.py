@@ -21,8 +21,6 @@ __all__ = [
     "PanelLocator",
     "PaperLocator",
     "RefinedLocator",
-]
-__all__ += [
     "locator_from",
     "locator_named",
     "locator_settings",

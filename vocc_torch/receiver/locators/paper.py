@@ -30,7 +30,7 @@ class LadderSettings:
     last_pitches: float = 3.0  # LED pitches that fill all but the widest gaps
     window_px: int = 192  # side up to which masks are processed in batches
     pass_masks: int = 1 << 5  # masks at once; similar sizes need little padding
-    pass_masks_elsewhere: int = 1 << 12  # the same on an accelerator
+    most_masks: int = 1 << 12  # the same on an accelerator
 
 
 LADDER = LadderSettings()
@@ -156,7 +156,7 @@ class PaperLocator(LocatorLimits, PanelLocator):
         frames: Frames,
         threshold: Tensor,
         shape: PanelShape,
-        facts: Tensor | None = None,
+        *facts: Tensor,
     ) -> tuple[Panels, NDArray[np.int64]]:
         """Choose the blobs above thresholds (B,) in uint8 frames whose surround is background.
 
@@ -167,7 +167,7 @@ class PaperLocator(LocatorLimits, PanelLocator):
             frames: B frames.
             threshold: (B,) int64.
             shape: the panel looked for.
-            facts: (B,F) bool that the host needs to know too.
+            *facts: (B,F) bool that the host needs to know too.
 
         Returns:
             The choice, with corners on the sensor, and the facts.
@@ -175,16 +175,12 @@ class PaperLocator(LocatorLimits, PanelLocator):
         grey, boxes = frames.grey, _foreground_boxes(frames.grey, threshold)
         place, left = boxes[:, :2] + frames.origin_px, boxes[:, 2] > 0
         panels, sides = no_panels(len(boxes), grey.device), boxes[:, 2:].amax(1)
+        order, most = torch.arange(len(boxes), device=grey.device), LADDER.most_masks
         if grey.is_cpu:
             order = sides.argsort()
             order = order[left[order] & (sides[order] <= LADDER.window_px)]
-            passes = torch.split(order, LADDER.pass_masks)
-        else:
-            order = torch.arange(len(boxes), device=grey.device)
-            passes = torch.split(order, LADDER.pass_masks_elsewhere)
-        for rows in passes:
-            if not len(rows):
-                break
+            most = LADDER.pass_masks
+        for rows in torch.split(order, most) if len(order) else ():
             height, width = (min(side, LADDER.window_px) for side in grey.shape[-2:])
             if grey.is_cpu:
                 width, height = boxes[rows, 2:].amax(0).tolist()
@@ -192,7 +188,7 @@ class PaperLocator(LocatorLimits, PanelLocator):
             part, sure = choose_single(mask, place[rows], shape, self)
             panels.put(rows, part)
             left[rows] &= ~sure | (sides[rows] > LADDER.window_px)
-        columns = [boxes, left[:, None]] + ([] if facts is None else [facts])
+        columns = boxes, left[:, None], *facts
         known = torch.cat([column.long() for column in columns], 1).cpu()
         for row in known[:, 4].nonzero()[:, 0].tolist():
             x, y, width, height = known[row, :4].tolist()
@@ -314,18 +310,14 @@ def _cut(
             )
         return torch.from_numpy(masks)
     rows = some.to(grey.device, non_blocking=True)
-    box = boxes[rows]
-    down = torch.arange(height, device=grey.device)
+    x, y, wide, high = boxes[rows, :, None].unbind(1)
     right = torch.arange(width, device=grey.device)
-    y, x = box[:, 1, None] + down, box[:, 0, None] + right
-    inside_y, inside_x = y < grey.shape[-2], x < grey.shape[-1]
-    y, x = y.clamp(max=grey.shape[-2] - 1), x.clamp(max=grey.shape[-1] - 1)
-    values = grey[rows[:, None, None], 0, y[:, :, None], x[:, None, :]]
-    return (
-        (values > threshold[rows, None, None])
-        & inside_y[:, :, None]
-        & inside_x[:, None, :]
-    )
+    down = torch.arange(height, device=grey.device)
+    column = (x + right).clamp(max=grey.shape[-1] - 1)[:, None]
+    row = (y + down).clamp(max=grey.shape[-2] - 1)[:, :, None]
+    within = (right < wide)[:, None] & (down < high)[:, :, None]
+    lit = grey[rows[:, None, None], 0, row, column] > threshold[rows, None, None]
+    return lit & within
 
 
 def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Panels:

@@ -251,16 +251,11 @@ def _noise_share(lattice: lattice_model.Lattice, noise: Tensor) -> Tensor:
 def _is_sane(lattice: lattice_model.Lattice, corners_px: Tensor) -> Tensor:
     """Whether lattices (B,) are finite, not too fine, and near the corners that they began with."""
     cell = torch.maximum(*resample.cell_size_px(corners_px, lattice.shape))
-    strayed = (lattice.corners_px - corners_px).norm(dim=2).amax(
-        1
-    ) > REFINED.farthest_cells * cell
+    strayed_px = (lattice.corners_px - corners_px).norm(dim=2).amax(1)
     pitch = torch.minimum(*resample.cell_size_px(lattice.corners_px, lattice.shape))
-    sane: Tensor = (
-        lattice.corners_px.isfinite().flatten(1).all(1)
-        & ~strayed
-        & (pitch >= REFINED.least_pitch_px)
-    )
-    return sane
+    # Of corners that are not finite neither holds.
+    is_near: Tensor = strayed_px <= REFINED.farthest_cells * cell
+    return is_near & (pitch >= REFINED.least_pitch_px)
 
 
 def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
