@@ -114,10 +114,7 @@ def _learned(
         ends = isotonic_regression(
             wrong.astype(np.float64), increasing=False
         ).blocks.tolist()
-        counts = [
-            float(wrong[first:last].sum()) + 0.5
-            for first, last in itertools.pairwise(ends)
-        ]
+        counts = (np.add.reduceat(wrong, ends[:-1], dtype=np.float64) + 0.5).tolist()
         counts[-1] = max(counts[-1], float(beyond_others(frame[wrong])))
         # Steps that are no longer less often wrong than the one before are one with it.
         while len(counts) > 1 and counts[-1] * (ends[-2] - ends[-3]) > counts[-2] * (

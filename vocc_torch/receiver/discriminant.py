@@ -329,13 +329,13 @@ def _complaint(gap: Tensor, flat: Tensor, null: Tensor, separated: Tensor) -> st
     if not bool(gap.any()):
         parts.append("the class means coincide, so every score is 0, that is On")
     if bool(null.any()):
-        reasons = []
-        if which := (flat & (gap == 0)).nonzero().flatten().tolist():
-            reasons.append(f"constant features {which} get weight 0")
-        if which := (flat & (gap != 0)).nonzero().flatten().tolist():
-            reasons.append(
-                f"features {which} differ between the classes but not within them"
-            )
+        differing = "features {} differ between the classes but not within them"
+        kinds = {"constant features {} get weight 0": gap == 0, differing: gap != 0}
+        reasons = [
+            words.format(which)
+            for words, kind in kinds.items()
+            if (which := (flat & kind).nonzero().flatten().tolist())
+        ]
         if int(null.sum()) > int(flat.sum()):
             reasons.append(
                 f"the features are collinear, condition number above {LIMITS.condition:g}"

@@ -246,13 +246,12 @@ class FLDA(torch.nn.Module):
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
         """Follow moves between devices, but not changes of dtype: the statistics stay float64 and int64."""
         # There are no modules within to recurse into.
-        before, solution = self.statistics, self._solution
+        before = self.statistics
         super()._apply(fn)  # type: ignore[no-untyped-call]  # torch has no hints here
-        kinds = before.count.dtype, before.mean.dtype
-        if (self.count.dtype, self.mean.dtype) != kinds:
+        if (self.count.dtype, self.mean.dtype) != (torch.int64, torch.float64):
             self._store(before)
-        if solution is not None:
-            self._solution = solution.to(self.mean.device)
+        if self._solution is not None:
+            self._solution = self._solution.to(self.mean.device)
         return self
 
     def _load_from_state_dict(

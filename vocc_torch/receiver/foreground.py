@@ -69,13 +69,9 @@ def trimmed(frames: Frames) -> Frames:
     if (planes[:, 0] != planes[:, 0, :1]).any():
         return frames
     words = planes.view(np.uint64)
-    rows, columns = [], []
-    for plane in words:
-        uneven = plane != plane[0, 0]
-        rows.append(uneven.any(1))
-        columns.append(uneven[rows[-1]].any(0))
+    uneven = words != words[:, :1, :1]
     (top, high), (left, wide) = (
-        extents(torch.from_numpy(np.stack(lit))) for lit in (rows, columns)
+        extents(torch.from_numpy(uneven.any(axis))) for axis in (2, 1)
     )
     across, down = max(1, int(wide.max())), max(1, int(high.max()))
     if 2 * across > words.shape[2]:
@@ -98,7 +94,7 @@ def histogram256(grey: Tensor) -> Tensor:
     """Count each grey value of each frame.
 
     Args:
-        grey: (B,1,H,W) uint8 grey values.
+        grey: (B,...) uint8 grey values.
 
     Returns:
         (B,256) int64 counts.
@@ -112,17 +108,14 @@ def histogram256(grey: Tensor) -> Tensor:
     """
     if grey.dtype != torch.uint8:
         raise VoccError(f"grey is {grey.dtype}: it must be torch.uint8")
-    frames = grey.shape[0]
-    if not grey.numel():
-        return torch.zeros(frames, _LEVELS, dtype=torch.int64, device=grey.device)
-    pixels, on_host = grey.reshape(frames, -1), grey.device.type == "cpu"
-    if on_host:
-        return torch.stack([torch.bincount(one, minlength=_LEVELS) for one in pixels])
-    # On an accelerator torch.bincount waits for the greatest value.
-    offset = torch.arange(frames, device=grey.device)[:, None] * _LEVELS
-    level = (pixels + offset).flatten()
-    counts = level.new_zeros(frames * _LEVELS)
-    return counts.scatter_add_(0, level, torch.ones_like(level)).view(frames, _LEVELS)
+    pixels = grey.flatten(1)
+    counts = pixels.new_zeros(len(pixels), _LEVELS, dtype=torch.int64)
+    if not grey.is_cpu:
+        # On an accelerator torch.bincount waits for the greatest value.
+        return counts.scatter_add_(1, pixels.long(), counts.new_ones(pixels.shape))
+    for count, values in zip(counts, pixels, strict=True):
+        count += torch.bincount(values, minlength=_LEVELS)
+    return counts
 
 
 def sensor_histogram(frames: Frames) -> Tensor:

@@ -193,9 +193,7 @@ class Model(NamedTuple):
         )
         weight = trust.sum((1, 2))
         weighed = [(one * trust).sum((1, 2)) / weight for one in (rest, spread)]
-        both = torch.stack([*weighed, rest.mean((1, 2)), spread.mean((1, 2))]).to(
-            torch.float64
-        )
+        both = torch.stack([*weighed, rest.mean((1, 2)), spread.mean((1, 2))]).double()
         shares = 1 - both[::2] / both[1::2].clamp(min=PATCH.rounding_dn**2)
         return replace(
             lattice, rms_dn=both[0].sqrt(), share=shares[0], share_of_all=shares[1]
@@ -236,8 +234,8 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
     )
     blur = torch.tensor(SEARCH.blurs_cells, dtype=torch.float64)
     p, s, g = (
-        grid.flatten()[:, None, None]
-        for grid in torch.meshgrid(pitch, shift, blur, indexing="ij")
+        part[:, None, None]
+        for part in torch.cartesian_prod(pitch, shift, blur).unbind(1)
     )
     centre = leds / 2 + s + p * (sample_cells(leds, 1, 0) - leds / 2)
     spots = torch.exp(
@@ -306,12 +304,16 @@ def search_lattice(
     apart = (pitches[:, None] - pitches).abs() > SEARCH.most_apart
     chosen = both.masked_fill(apart[..., None], -torch.inf).flatten(1).argmax(1)
     *axis_pitches, blur = torch.unravel_index(chosen, both.shape[1:])
-    half, middle = [], []
     frame = torch.arange(len(light), device=light.device)
-    for leds, bank, best, pitch in zip(sides, banks, bests, axis_pitches, strict=True):
-        half.append(bank[0][pitch] * leds / 2)
-        middle.append(bank[1][best.indices[frame, pitch, blur]] + leds / 2)
+    shifts = [
+        best.indices[frame, pitch, blur]
+        for best, pitch in zip(bests, axis_pitches, strict=True)
+    ]
+    pitch_cells, shift_cells, *_ = banks[0]
+    leds = torch.tensor(sides, device=light.device)
+    half = pitch_cells[torch.stack(axis_pitches, 1)] * leds / 2
+    middle = shift_cells[torch.stack(shifts, 1)] + leds / 2
     corners = corner_cells(PanelShape(2, 2)).to(light.device) - 1
-    cells = torch.stack(middle, 1)[:, None] + corners * torch.stack(half, 1)[:, None]
+    cells = middle[:, None] + corners * half[:, None]
     blurs = torch.tensor(SEARCH.blurs_cells, dtype=torch.float64, device=light.device)
     return map_points(corners_px, cells, shape), blurs[blur]

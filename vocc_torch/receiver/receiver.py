@@ -91,12 +91,7 @@ class Receiver(torch.nn.Module):
         trained_on: Ranges | None = None,
     ) -> None:
         super().__init__()
-        if not isinstance(locator, PanelLocator):
-            raise VoccError.of(
-                "locator",
-                shown(locator),
-                "a PanelLocator of vocc_torch.receiver.locators",
-            )
+        demand_kind("locator", locator, PanelLocator)
         demand_kind("reader", reader, Reader)
         self.decider = decider_of(name, classifier)
         demand_features(self.decider.features, reader.names)
@@ -170,11 +165,8 @@ class Receiver(torch.nn.Module):
         bits = (scores >= 0) & found
         judged = located.corners_px, located.found, located.score, located.candidates
         llr = scores if self.calibration is None else self.calibration(scores)
-        stated = (
-            located.false_alarms
-            if isinstance(located, StatedPanels)
-            else torch.full_like(located.score, torch.nan)
-        )
+        unknown = torch.full_like(located.score, torch.nan)
+        stated = getattr(located, "false_alarms", unknown)
         return Decoded(bits, scores, *judged, llr * found, appearance(readings), stated)
 
     def score(self, readings: Readings) -> Tensor:

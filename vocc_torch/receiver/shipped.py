@@ -32,8 +32,6 @@ def shipped_receiver(name: str, shape: PanelShape | None = None) -> Receiver:
         )
     folder = Path(str(resources.files("vocc_torch.receiver")))
     receiver = Receiver.load(folder / "models" / f"{name}.pt")
-    if shape is None or shape == receiver.shape:
-        return receiver
-    reader = replace(receiver.reader, shape=shape)
-    parts = receiver.classifier, receiver.calibration, receiver.trained_on
-    return Receiver(receiver.name, receiver.locator, reader, *parts)
+    if shape is not None:
+        receiver.reader = replace(receiver.reader, shape=shape)
+    return receiver

@@ -15,6 +15,7 @@ from vocc_torch.receiver.detector.placer import AXES, moved
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.locators.detector import networks_of
+from vocc_torch.receiver.locators.touching import sure_of
 from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.types import Frames, PanelShape, StatedPanels
 
@@ -247,7 +248,7 @@ class Tracker:
         found = self.locator.locate(frame, self.shape)
         if not self.locator.finds_several:
             found = found[:1]
-        found = found[~(found.false_alarms > self.locator.most_false_alarms)]
+        found = sure_of(found, self.locator)
         pitch = torch.stack(cell_size_px(found.corners_px, self.shape)).amin(0)
         found = found[pitch >= SETTINGS.least_pitch_px]
         corners = found.corners_px.cpu().double()

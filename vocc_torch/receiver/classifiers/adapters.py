@@ -70,16 +70,12 @@ class TorchClassifier(Scored):
             raise VoccError(
                 f"{len(x)} training panels are too few to hold {held_out} back for validation"
             )
-        rows, target = _leds(x[:-held_out]), bits[:-held_out].reshape(-1).float()
+        begin = bits[:-held_out].numel()
+        rows, held_rows = _leds(x).tensor_split([begin])
+        target, held_target = bits.reshape(-1).float().tensor_split([begin])
         spread = rows.std(dim=0)
         self._scale = rows.mean(dim=0), torch.where(spread > 0, spread, 1.0)
         self.module.to(x.device)
-        shown = [
-            rows,
-            target,
-            _leds(x[-held_out:]),
-            bits[-held_out:].reshape(-1).float(),
-        ]
         recipe, checkpoint = self.recipe, None
         if recipe.checkpoints is not None:
             checkpoint = Checkpoint(recipe.checkpoints, self.module, recipe, [x, bits])
@@ -90,7 +86,7 @@ class TorchClassifier(Scored):
             self.losses, self.earlier_s = train_module(
                 self.module,
                 self._score,
-                shown,
+                [rows, target, held_rows, held_target],
                 recipe,
                 checkpoint,
             )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from io import BytesIO
 from typing import Any
 
-from vocc_torch.errors import VoccError
+from vocc_torch.errors import VoccError, library
 from vocc_torch.receiver.model_file import MOST_BYTES, MOST_VALUES, parse_json
 
 TRUSTED = ("sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",)
@@ -31,14 +31,9 @@ def skops_io(name: str) -> tuple[Any, str]:
     Raises:
         VoccError: skops is not installed.
     """
-    try:
-        import skops.io
-    except ImportError:
-        extra = "pip install 'vocc-torch[classifiers]' to keep it"
-        raise VoccError(f"classifier {name} is an estimator: {extra}") from None
-    import sklearn
-
-    return skops.io, str(sklearn.__version__)
+    need = f"classifier {name} is an estimator"
+    io = library("skops.io", "classifiers", need, " to keep it")
+    return io, library("sklearn", "classifiers", need).__version__
 
 
 def unpacked(packed: bytes, io: Any, trusts: Callable[[str], bool]) -> Any:

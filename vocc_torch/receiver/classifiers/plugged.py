@@ -4,7 +4,7 @@ import inspect
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
@@ -65,13 +65,10 @@ def classifier_of(
         >>> type(classifier_of(bayes, Inputs()).classifier).__name__
         'SklearnClassifier'
     """
-    kind, arguments, recipe = (
-        plug_in.found(),
-        dict(plug_in.arguments),
-        recipe or TrainingRecipe(),
-    )
+    recipe = recipe or TrainingRecipe()
+    kind, arguments = plug_in.found(), dict(plug_in.arguments)
     of_torch = isinstance(kind, type) and issubclass(kind, nn.Module)
-    if of_torch and "n_inputs" in inspect.signature(cast("type", kind)).parameters:
+    if of_torch and "n_inputs" in inspect.signature(kind).parameters:
         arguments.setdefault("n_inputs", inputs.size)
     # A module draws its first weights when it is made.
     with seeded(recipe.seed):
@@ -133,9 +130,9 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, Tensor]]:
     classifier: Any = guarded.classifier
     if isinstance(classifier, adapters.SklearnClassifier):
         io, release = skops_io(guarded.name)
-        packed = io.dumps(classifier.estimator)
+        packed = bytearray(io.dumps(classifier.estimator))
         return {"release": release}, {
-            SKOPS: torch.frombuffer(bytearray(packed), dtype=torch.uint8)
+            SKOPS: torch.frombuffer(packed, dtype=torch.uint8)
         }
     if callable(getattr(classifier, "state_dict", None)):
         return {}, dict(classifier.state_dict())
@@ -175,11 +172,9 @@ def admitted(
     Raises:
         VoccError: as :meth:`PlugIn.admitted`.
     """
-    key = f"classifiers.{settings['name']}"
     if SKOPS in arrays:
-        return PlugIn.admitted(
-            key, {**settings, "arguments": {}}, (*plug_ins, "sklearn"), SHIPPED
-        )
+        settings, plug_ins = {**settings, "arguments": {}}, (*plug_ins, "sklearn")
+    key = f"classifiers.{settings['name']}"
     return PlugIn.admitted(key, settings, plug_ins, SHIPPED)
 
 
@@ -209,19 +204,17 @@ def restored(
                     f"scikit-learn was {values['release']} and is {release}: train it again"
                 )
             # Of the classes that skops does not know, those of the file that the user named.
-            kind_text = ""
+            modules: tuple[str, ...] = ()
             if plug_in.file is not None:
                 plug_in.file.module()
-                kind_text = f"{plug_in.file.module_name}."
-
-            def trusts(name: str) -> bool:
-                return name in TRUSTED or (
-                    kind_text != "" and name.startswith(kind_text)
-                )
-
-            packed = arrays[SKOPS].numpy().tobytes()
-            estimator = adapters.SklearnClassifier(unpacked(packed, io, trusts))
-            return Guarded(plug_in.name, estimator, inputs, plug_in)
+                modules = (f"{plug_in.file.module_name}.",)
+            estimator = unpacked(
+                arrays[SKOPS].numpy().tobytes(),
+                io,
+                lambda name: name in TRUSTED or name.startswith(modules),
+            )
+            learned = adapters.SklearnClassifier(estimator)
+            return Guarded(plug_in.name, learned, inputs, plug_in)
         if plug_in.target in SHIPPED:
             demand_size(plug_in, inputs, arrays)
         guarded = classifier_of(plug_in, inputs)
@@ -231,15 +224,12 @@ def restored(
             return guarded
         if plug_in.target in SHIPPED:
             demand_learned(vars(classifier), values, arrays)
-        for name, value in {**values, **arrays}.items():
+        learns = {**values, **arrays}
+        learns |= {name: arrays[name].numpy() for name in learns.pop(NUMPY, [])}
+        for name, value in learns.items():
             if name.startswith("__") or callable(getattr(classifier, name, None)):
                 raise VoccError(f"{name} is no attribute that it learns")
-            if name != NUMPY:
-                setattr(
-                    classifier,
-                    name,
-                    arrays[name].numpy() if name in values.get(NUMPY, []) else value,
-                )
+            setattr(classifier, name, value)
         return guarded
     except Exception as error:
         reason = str(error) if isinstance(error, VoccError) else one_line(error)

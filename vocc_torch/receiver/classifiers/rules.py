@@ -123,9 +123,8 @@ class LmmseEqualizer(Scored):
         """
         weights, centres = fitted(self._weights), fitted(self._centres)
         rows, size = self._split(x)
-        last = self.classes - 1
-        upper = (size.double()[:, None] > centres).sum(1).clamp(1, max(1, last))
-        upper = upper.clamp(max=last)
+        # With a single class the upper limit is below the lower one, and clamp takes the upper.
+        upper = (size.double()[:, None] > centres).sum(1).clamp(1, self.classes - 1)
         lower = (upper - 1).clamp(min=0)
         step = (centres[upper] - centres[lower]).clamp(min=1e-12)
         share = ((size.double() - centres[lower]) / step).clamp(0, 1).unsqueeze(-1)
@@ -144,7 +143,7 @@ class LmmseEqualizer(Scored):
             if self.classes > 1
             else (x, x.new_zeros(x.shape[0]))
         )
-        return torch.cat([light, torch.ones_like(x[..., :1])], dim=-1).double(), size
+        return torch.nn.functional.pad(light, (0, 1), value=1.0).double(), size
 
 
 class _Untrained(Scored):
@@ -175,9 +174,7 @@ class PanelOtsu(_Untrained):
     def decision_function(self, x: Tensor) -> Tensor:
         """Score every LED by its distance from the threshold, in grey values of 0 to 255."""
         greys = (x * 255.0).round().clamp(0, 255).to(torch.uint8)
-        threshold = foreground.otsu_threshold(
-            foreground.histogram256(greys.flatten(1)[:, None, None])
-        )
+        threshold = foreground.otsu_threshold(foreground.histogram256(greys))
         # Otsu's foreground begins above the threshold's whole grey value.
         return (x.double().mean(dim=-1) * 255.0) - (threshold.view(-1, 1, 1) + 0.5)
 
@@ -248,7 +245,15 @@ def _plane(values: Tensor, chosen: Tensor) -> Tensor:
     # A slope costs as much as one cell's misfit, so that three cells in a row do not tilt it.
     gram = gram + torch.diag(values.new_tensor([1e-9, 1.0, 1.0]))
     right = torch.einsum("bn,bn,ni->bi", weight, values.flatten(1), terms)
-    level = (torch.linalg.solve(gram, right) @ terms.mT).view_as(values)
+    # By Cramer's rule, in closed form.
+    first, second, third = gram.unbind(1)
+    cofactors = [
+        torch.linalg.cross(*pair)
+        for pair in ((second, third), (third, first), (first, second))
+    ]
+    slopes = torch.einsum("bi,bij->bj", right, torch.stack(cofactors, 1))
+    determinant = (first * cofactors[0]).sum(1, keepdim=True)
+    level = (slopes / determinant @ terms.mT).view_as(values)
     # A class without cells has no level of its own: the panel's mean stands in for it.
     lacking = (weight.sum(dim=1) == 0).view(-1, 1, 1)
     return torch.where(lacking, values.mean(dim=(1, 2), keepdim=True), level)

@@ -93,11 +93,6 @@ class DetectorLocator(PanelLocator):
         return cls(false_alarms=false_alarms)
 
     @property
-    def follows_configuration(self) -> bool:
-        """Whether :meth:`of` can build it."""
-        return self.weights is None
-
-    @property
     def settings(self) -> dict[str, Any]:
         """Settings for a model file; your own weights are given by path and digest."""
         values = {"name": self.name, **asdict(self)}

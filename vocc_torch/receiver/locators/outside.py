@@ -116,9 +116,7 @@ class OutsideLocator(PanelLocator):
                 f"locator {self.plug_in.name} gave false_alarms of {shown(alarms)}: {rule}"
             )
         found = self._checked(replace(found, false_alarms=alarms.double()), count)
-        if count and not 0 <= int(found.frame.min()) <= int(found.frame.max()) < len(
-            frames
-        ):
+        if not holds((found.frame >= 0) & (found.frame < len(frames))):
             raise VoccError(
                 f"locator {self.plug_in.name} saw panels in frames that it was not given"
             )

@@ -1,6 +1,6 @@
 """The paper's locator (section IV-B-2, Fig. 18), with closings at several scales."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -201,10 +201,9 @@ class PaperLocator(LocatorLimits, PanelLocator):
 
 def no_panels(frames: int, device: torch.device) -> Panels:
     """Start with no panel found."""
-    count = torch.zeros(frames, dtype=torch.int64, device=device)
-    corners = count.new_zeros(frames, 4, 2, dtype=torch.float64)
-    score = corners[:, 0, 0].clone()
-    return Panels(corners, score > 0, score, count)
+    corners = torch.zeros(frames, 4, 2, dtype=torch.float64, device=device)
+    score = corners.new_zeros(frames)
+    return Panels(corners, score > 0, score, score.long())
 
 
 def exact_frames(frames: Images) -> Frames:
@@ -219,7 +218,7 @@ def exact_frames(frames: Images) -> Frames:
         [9]
     """
     frames = Frames.of(frames)
-    shape, surround = tuple(frames.grey.shape), frames.surround
+    shape = tuple(frames.grey.shape)
     if len(shape) != 4 or shape[1] != 1:
         raise VoccError(f"frames.grey has shape {shape}: it must be (B,1,H,W)")
     if max(shape[2:]) > LADDER.most_side_px:
@@ -228,7 +227,7 @@ def exact_frames(frames: Images) -> Frames:
             f"{shape[2]} x {shape[3]} px",
             f"at most {LADDER.most_side_px} px a side",
         )
-    exact = Frames(quantised(frames.grey), frames.origin_px, frames.sensor_px, surround)
+    exact = replace(frames, grey=quantised(frames.grey), colour=None)
     if frames.grey.is_cpu:
         demand_on_sensor(exact)
     return exact
@@ -277,16 +276,13 @@ def _on_sensor(crop: Frames) -> Frames:
 
 def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
     """Bound the pixels above the thresholds: (B,4) left, top, width, height; zeros where there are none."""
-    ends: list[tuple[Tensor, Tensor]] = []
     if not grey.numel():
         return threshold.new_zeros(len(grey), 4)
-    for axis in (1, 2):
-        # Maxima of bytes first: comparing them all would write a mask as large as the frames.
-        if grey.is_cpu:
-            most = torch.from_numpy(np.amax(grey[:, 0].numpy(), axis))
-        else:
-            most = grey[:, 0].amax(axis)
-        ends.append(foreground.extents(most > threshold[:, None]))
+    # Maxima of bytes first: comparing them all would write a mask as large as the frames.
+    ends = [
+        foreground.extents(grey[:, 0].amax(axis) > threshold[:, None])
+        for axis in (1, 2)
+    ]
     return torch.stack([end for pair in zip(*ends, strict=True) for end in pair], 1)
 
 

@@ -93,11 +93,6 @@ class PanelLocator(ABC):
         return cls()
 
     @property
-    def follows_configuration(self) -> bool:
-        """Whether :meth:`of` can build it."""
-        return True
-
-    @property
     def settings(self) -> dict[str, Any]:
         """What a model file keeps of it; :meth:`from_settings` reads it back."""
         return {"name": self.name, **asdict(self)}  # type: ignore[call-overload]  # subclasses are dataclasses

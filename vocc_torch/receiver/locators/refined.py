@@ -106,11 +106,6 @@ class RefinedLocator(PanelLocator):
         """Build it on the limits of blobs."""
         return cls(paper)
 
-    @property
-    def follows_configuration(self) -> bool:
-        """Whether :meth:`of` can build it."""
-        return self == RefinedLocator(self.paper)
-
     @classmethod
     def from_settings(cls, values: Mapping[str, Any]) -> "RefinedLocator":
         """Build it from its settings without the name."""
@@ -139,7 +134,7 @@ class RefinedLocator(PanelLocator):
             is_whole = exact.surround is None
             panels = (self._in_whole if is_whole else self._in_crops)(exact, shape)
             left = (~panels.found).nonzero()[:, 0]
-            self._left_to_paper(panels, left, exact[left], shape)
+            self._left_to_paper(panels, left, exact, shape)
         # Copies, for tensors made in inference mode take no part in autograd.
         return panels.each(torch.clone)
 
@@ -153,7 +148,7 @@ class RefinedLocator(PanelLocator):
         rows = panels.found.nonzero()[:, 0]
         if len(rows):
             poor = self._refit(panels, rows, crops[rows], background, noise, shape)
-            self._left_to_paper(panels, poor, crops[poor], shape)
+            self._left_to_paper(panels, poor, crops, shape)
         return panels
 
     def _in_whole(self, frames: Frames, shape: PanelShape) -> Panels:
@@ -162,7 +157,7 @@ class RefinedLocator(PanelLocator):
         likely = seen.score > REFINED.least_probability
         panels = Panels(seen.corners_px, likely, seen.score, seen.candidates)
         others = (~likely).nonzero()[:, 0]
-        self._left_to_paper(panels, others, frames[others], shape)
+        self._left_to_paper(panels, others, frames, shape)
         level, noise = torch.zeros(2, len(frames), device=frames.grey.device)
         for row in panels.found.nonzero():
             corners_px = panels.corners_px[row[0]]
@@ -175,9 +170,9 @@ class RefinedLocator(PanelLocator):
     def _left_to_paper(
         self, panels: Panels, rows: Tensor, frames: Frames, shape: PanelShape
     ) -> None:
-        """Replace some panels by those of the locator ``paper``."""
+        """Replace the panels in some of the frames by those of the locator ``paper``."""
         if len(rows):
-            panels.put(rows, self.paper(frames, shape))
+            panels.put(rows, self.paper(frames[rows], shape))
 
     def _refit(
         self,

@@ -122,7 +122,8 @@ def locator_words(locator: PanelLocator) -> tuple[str, dict[str, dict[str, objec
     if TARGET in settings:
         name = settings["name"]
         return name, {name: {TARGET: settings[TARGET], **settings["arguments"]}}
-    if locator.follows_configuration:
+    keys: Any = getattr(locator, "paper", locator), settings.get("false_alarms")
+    if locator == type(locator).of(*keys):
         return locator.name, {}
     name = f"own_{locator.name}"
     return name, {name: _described(locator)}

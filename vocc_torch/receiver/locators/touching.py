@@ -25,14 +25,14 @@ def locate_several(
     """
     found = locator.locate(frames, shape)
     for down, across in ((0, 1), (1, 0)):
-        sure = _sure(found, locator)
+        sure = sure_of(found, locator)
         few = torch.bincount(sure.frame, minlength=len(frames)) < most
         numbers = few.nonzero()[:, 0]
         if most < 2 or not len(numbers):
             break
         step = torch.tensor([across * shape.columns, down * shape.rows])
         pair = PanelShape((1 + down) * shape.rows, (1 + across) * shape.columns)
-        seen = _sure(locator.locate(frames[numbers], pair), locator)
+        seen = sure_of(locator.locate(frames[numbers], pair), locator)
         parts = [found]
         for begin in (0 * step, step):
             cells = (corner_cells(shape) + begin).to(seen.corners_px)
@@ -48,7 +48,7 @@ def locate_several(
     return found
 
 
-def _sure(found: Candidates, locator: PanelLocator) -> Candidates:
+def sure_of(found: Candidates, locator: PanelLocator) -> Candidates:
     """Take the candidates that a locator takes for panels."""
     return found[~(found.false_alarms > locator.most_false_alarms)]
 
