@@ -115,7 +115,6 @@ class Receiver(torch.nn.Module):
         """Rows and columns of the panel."""
         return self.reader.shape
 
-    @torch.no_grad()
     def decode(self, images: Images) -> Decoded:
         """Read the bits of B whole images.
 
@@ -126,9 +125,11 @@ class Receiver(torch.nn.Module):
         Raises:
             VoccError: another type or shape.
         """
-        return self.forward(Frames.of(images, "images"))
+        with torch.inference_mode():
+            decoded = self.forward(Frames.of(images, "images"))
+        # Copies, for tensors made in inference mode take no part in autograd.
+        return Decoded(*(batch.clone() for batch in decoded))
 
-    @torch.no_grad()
     def decode_several(self, images: Images, most: int) -> tuple[list[int], Decoded]:
         """Read up to ``most`` panels per image. Return the image number of each panel, and what was read.
 
@@ -141,10 +142,12 @@ class Receiver(torch.nn.Module):
                 "this receiver's locator sees one panel in a frame: detector sees several"
             )
         whole_number("most", most, 1)
-        found = locate_several(self.locator, frames, self.shape, most)
-        limit = self.locator.most_false_alarms
-        whose, panels = found.panels(len(frames), limit, most)
-        return whose.tolist(), self.forward(frames[whose], panels)
+        with torch.inference_mode():
+            found = locate_several(self.locator, frames, self.shape, most)
+            limit = self.locator.most_false_alarms
+            whose, panels = found.panels(len(frames), limit, most)
+            decoded = self.forward(frames[whose], panels)
+        return whose.tolist(), Decoded(*(batch.clone() for batch in decoded))
 
     def forward(self, frames: Images, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at ``panels`` if given; score 0 is On (Eq. 18).
