@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
 from vocc_torch.arrays import Bools, Floats, Integers, Singles
@@ -53,6 +54,10 @@ Whole = int | np.int64
 """A whole number, which may be drawn."""
 
 
+Shade = float | Floats
+"""One number for all shapes of a group, or one for each."""
+
+
 def ends_of(sides: Sides) -> tuple[float, float]:
     """Give the left and the right end."""
     return sides if isinstance(sides, tuple) else (-sides, sides)
@@ -75,14 +80,13 @@ class Sketch:
 
     parts: list[Part] = field(default_factory=list)
 
-    def polygon(self, points: object, luminance: float) -> None:
+    def polygons(self, points: Floats, luminance: Shade) -> None:
+        """Add N polygons of V points, (N,V,2)."""
+        self.parts.append((points, np.broadcast_to(luminance, len(points))))
+
+    def polygon(self, points: ArrayLike, luminance: float) -> None:
         """Add a polygon of V points."""
-        self.parts.append(
-            (
-                np.array([points], dtype=np.float64),
-                np.array([luminance], dtype=np.float64),
-            )
-        )
+        self.polygons(np.array([points]), luminance)
 
     def box(
         self,
@@ -101,22 +105,16 @@ class Sketch:
 
     def dots(
         self,
-        centres: Floats,
-        half: float | Floats,
-        luminance: float | Floats,
+        centres: ArrayLike,
+        half: Shade,
+        luminance: Shade,
         *,
         round: bool,
     ) -> None:
         """Add squares or discs (N,2) of half a side, one number or (N,2)."""
-        shape = _CIRCLE if round else CLOCKWISE
-        halves = np.broadcast_to(np.asarray(half, dtype=np.float64), centres.shape)
-        points = centres[:, None] + shape * halves[:, None]
-        self.parts.append(
-            (
-                points,
-                np.broadcast_to(np.asarray(luminance, dtype=np.float64), len(points)),
-            )
-        )
+        at = np.reshape(centres, (-1, 1, 2))
+        halves = np.broadcast_to(half, (len(at), 2))[:, None]
+        self.polygons(at + (_CIRCLE if round else CLOCKWISE) * halves, luminance)
 
     def grid(
         self,
@@ -126,7 +124,7 @@ class Sketch:
         rows: Whole,
         columns: Whole,
         fill: float,
-        luminance: float | Floats,
+        luminance: Shade,
         *,
         round: bool = False,
     ) -> None:
@@ -135,7 +133,7 @@ class Sketch:
         wide, high = (right - left) / columns, (bottom - top) / rows
         x = left + wide * (np.arange(columns) + 0.5)
         y = top + high * (np.arange(rows) + 0.5)
-        centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        centres = np.stack(np.meshgrid(x, y), axis=-1)
         self.dots(centres, np.array([wide, high]) * (fill / 2), luminance, round=round)
 
     def text(
@@ -151,9 +149,7 @@ class Sketch:
         mask = letters_mask(words)
         cell = height / len(mask)
         row, column = np.nonzero(mask)
-        centres = np.stack(
-            [left + cell * (column + 0.5), top + cell * (row + 0.5)], axis=-1
-        )
+        centres = np.stack([column + 0.5, row + 0.5], axis=-1) * cell + (left, top)
         self.dots(centres, cell * (fill or 1.0) / 2, luminance, round=fill > 0)
 
 
@@ -223,28 +219,25 @@ class Drawing:
             place: takes points (M,2) on the plane to the sensor, px; where it gives NaN nothing is drawn.
             share: what a mirror shows.
         """
-        parts = list(parts)
-        flat = place(
-            np.concatenate([points.reshape(-1, 2) for points, _ in parts])
-        ).clip(-1e6, 1e6)
+        polygons, luminances = zip(*parts, strict=True)
+        flat = place(np.concatenate([points.reshape(-1, 2) for points in polygons]))
+        flat = flat.clip(-1e6, 1e6)
         if not np.isfinite(flat).all():
             return None
         pixels = np.prod(np.subtract(*_extent(flat)))
         fine = 4 - int(np.searchsorted(SETTINGS.finest_px, pixels))
         sides = np.concatenate(
-            [np.full(len(points), points.shape[1]) for points, _ in parts]
+            [np.full(len(points), points.shape[1]) for points in polygons]
         )
         ends = np.cumsum(sides)
         starts = ends - sides
         # Pillow fills to both ends: half a step inwards, so that as many steps are filled as there are.
-        inwards = np.sign(
-            (np.add.reduceat(flat, starts) / sides[:, None]).repeat(sides, axis=0)
-            - flat
-        )
+        middles = np.add.reduceat(flat, starts) / sides[:, None]
+        inwards = np.sign(middles.repeat(sides, axis=0) - flat)
         corners = np.rint(flat * fine - 0.5 + 0.5 * inwards).astype(int)
         least = np.minimum.reduceat(flat, starts)
         most = np.maximum.reduceat(flat, starts)
-        luminance = np.concatenate([part for _, part in parts])
+        luminance = np.concatenate(luminances)
         # The darkest is above 255, so that in 8 bits what is covered is white; a power of two rounds nothing.
         scale = 2.0 ** math.ceil(math.log2(256 / float(luminance.min())))
         return cls(corners, starts, ends, least, most, luminance, scale, fine, share)
@@ -273,7 +266,7 @@ class Drawing:
         cover = COVERED[self.fine][np.asarray(image.convert("L").reduce(self.fine))]
         shown: Singles = np.divide(lit, np.float32(self.scale), dtype=np.float32)
         share = np.float32(self.share)
-        return (cover, shown) if share == 1 else (cover * share, shown * share)
+        return cover * share, shown * share
 
 
 def _extent(points: Floats) -> tuple[Integers, Integers]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 from numpy.random import SFC64, Generator
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from vocc_torch.arrays import Floats, Singles
@@ -24,6 +25,9 @@ STRIP_PX = 32
 
 SKY = {None: 1.0, 0: 0.88, 1: 1.0, 2: 1.31}
 """What luma and each channel see of the sky over its luminance: blue, of luma 1."""
+
+Place = Callable[[Floats], Floats]
+"""Takes points (M,2) on a plane, m, to the sensor, px."""
 
 NODE_PX = 8
 """Distance of the nodes between which drawn textures run evenly, px."""
@@ -96,65 +100,37 @@ class Scenery(FrameEffect, on=Quantity.BACKGROUND):
     def frame(self, plane: Tensor, generator: Generator, context: Context) -> Tensor:
         """Multiply (1,H,W) background luminance by the frame's scenery."""
         left, top = context.first_px[0].tolist()
-        _, height, width = plane.shape
-        blue = SKY[context.channel]
-        rows_from = self.sky(generator, left, context.camera.sensor_px, width, blue)
-        for first in range(0, height, STRIP_PX):
+        sensor_px = context.camera.sensor_px
+        sky, far, ground = (
+            roadside.spread(generator, low, high)
+            for low, high in ((2, 7), (0.15, 1.5), (0.3, 2))
+        )
+        sky *= SKY[context.channel]
+        horizon = sensor_px[0] * generator.uniform(0.42, 0.55)
+        nodes = noise_nodes(generator, (1, sensor_px[1]))[:1]
+        x = (left + np.arange(plane.shape[2]) + 0.5) / NODE_PX
+        skyline = across(nodes * generator.uniform(0.02, 0.12), x)
+        edge = horizon - np.maximum(skyline + np.float32(0.05), 0) * sensor_px[0]
+        texture = across(noise_nodes(generator, sensor_px), x)
+        for first in range(0, plane.shape[1], STRIP_PX):
             strip = plane[0, first : first + STRIP_PX]
-            luminance = rows_from(top + first, len(strip))
+            y = top + first + np.arange(len(strip)) + 0.5
+            rows = y.astype(np.float32)[:, None]
+            # Where all of a row is sky, or all is not, one number stands for it.
+            mixed = rows[0] < edge.max() + 1 and rows[-1] > edge.min() - 1
+            above = np.clip((edge if mixed else edge[:, :1]) - rows + 0.5, 0, 1)
+            below = np.clip(y - horizon + 0.5, 0, 1).astype(np.float32)[:, None]
+            # Brighter towards the horizon, and the ground darker towards the camera.
+            lift = (1 + 0.4 * (y / sensor_px[0] - 0.5)).astype(np.float32)[:, None]
+            middle = 1 - above - below
+            base = above * (sky * lift) + middle * np.float32(far)
+            base += below * (ground / lift)
+            depth = np.float32(self.contrast) * (0.4 * above + middle + 0.5 * below)
+            wave = down(texture, y / NODE_PX) * depth
+            # The exponential's first terms: the same numbers wherever a pixel lies in its array.
+            luminance = (wave + 1 + wave * wave * np.float32(0.5)) * base
             strip.mul_(torch.from_numpy(luminance).to(strip))
         return plane
-
-    def sky(
-        self,
-        generator: Generator,
-        left: int,
-        sensor_px: Size,
-        width: int,
-        blue: float,
-    ) -> Callable[[int, int], Singles]:
-        """Draw one frame's scenery: what gives some rows' luminance over that of the plain background."""
-        ranges = (2, 7), (0.15, 1.5), (0.3, 2)
-        sky, far, ground = (
-            roadside.spread(generator, low, high) for low, high in ranges
-        )
-        sky *= blue
-        horizon = sensor_px[0] * generator.uniform(0.42, 0.55)
-        skyline = noise_nodes(generator, (1, sensor_px[1]))[:1] * generator.uniform(
-            0.02, 0.12
-        )
-        x = (left + np.arange(width) + 0.5) / NODE_PX
-        lines = across(noise_nodes(generator, sensor_px), x)
-        height = np.maximum(
-            between(np.repeat(skyline, 2, axis=0), x, np.zeros(1)) + np.float32(0.05), 0
-        )
-        edge = horizon - height * sensor_px[0]
-
-        def rows_from(top: int, count: int) -> Singles:
-            rows = top + np.arange(count) + 0.5
-            # Where all of a row is sky, or all is not, one number stands for it.
-            at = (
-                edge
-                if rows[0] < edge.max() + 1 and rows[-1] > edge.min() - 1
-                else edge[:, :1]
-            )
-            above = np.clip(at - rows[:, None].astype(np.float32) + 0.5, 0, 1)
-            below = np.clip(rows - horizon + 0.5, 0, 1).astype(np.float32)[:, None]
-            # Brighter towards the horizon, and the ground darker towards the camera.
-            lift = (1 + 0.4 * (rows / sensor_px[0] - 0.5)).astype(np.float32)[:, None]
-            middle = 1 - above - below
-            base = (
-                above * (sky * lift)
-                + middle * np.float32(far)
-                + below * (ground / lift)
-            )
-            depth = np.float32(self.contrast) * (0.4 * above + middle + 0.5 * below)
-            wave = down(lines, rows / NODE_PX) * depth
-            # The exponential's first terms: the same numbers wherever a pixel lies in its array.
-            lifted: Singles = (wave + 1 + wave * wave * np.float32(0.5)) * base
-            return lifted
-
-        return rows_from
 
 
 @dataclass(slots=True)
@@ -176,7 +152,7 @@ class Layer:
     def lay(
         self,
         parts: list[sketch.Part],
-        place: Callable[[Floats], Floats],
+        place: Place,
         share: float = 1.0,
         seed: int | None = None,
     ) -> None:
@@ -195,11 +171,9 @@ class Layer:
         left, top, right, bottom = self.window
         keep, added = sketch.composed(self.things, self.window)
         if self.dirt is not None:
-            x, y = (
-                (np.arange(*ends) + 0.5) / NODE_PX
-                for ends in ((left, right), (top, bottom))
-            )
-            added *= np.maximum(1 + np.float32(0.12) * between(self.dirt, x, y), 0)
+            x, y = np.arange(left, right) + 0.5, np.arange(top, bottom) + 0.5
+            dirt = between(self.dirt, x / NODE_PX, y / NODE_PX)
+            added *= np.maximum(1 + np.float32(0.12) * dirt, 0)
         return keep, added
 
 
@@ -213,22 +187,14 @@ class Sketched(FrameEffect, on=Quantity.BACKGROUND):
     def frame(self, plane: Tensor, generator: Generator, context: Context) -> Tensor:
         """Lay what is drawn before the frame's (1,H,W) background luminance."""
         left, top = context.first_px[0].tolist()
-        _, height, width = plane.shape
-        window = left, top, left + width, top + height
+        window = left, top, left + plane.shape[2], top + plane.shape[1]
         layer = Layer(view.view_of(context), window)
         self.draw(layer, generator)
         keep, light = (torch.from_numpy(part).to(plane) for part in layer.drawn())
         return plane * keep + light
 
 
-Placed = tuple[
-    float,
-    roadside.Thing,
-    Callable[[Floats], Floats],
-    int,
-    tuple[float, float],
-    float,
-]
+Placed = tuple[float, roadside.Thing, Place, int, Floats, float]
 """Distance m, what is drawn, how it lies on the sensor, its seed, its middle on the sensor, its reach, px."""
 
 
@@ -272,115 +238,95 @@ class Clutter(Sketched):
 
     def draw(self, layer: Layer, generator: Generator) -> None:
         """Draw one frame's things."""
-        camera_view, (left, top, right, bottom) = layer.camera_view, layer.window
-        scene = camera_view.context.scene
-        white = float(scene.ambient_lx[0]) / math.pi
-        led = float(scene.led_luminance_cd_m2[0])
-        light = roadside.Light(white, led, self.lit)
+        (left, top, right, bottom), context = layer.window, layer.camera_view.context
+        white, led = context.scene.ambient_lx[0], context.scene.led_luminance_cd_m2[0]
+        light = roadside.Light(float(white) / math.pi, float(led), self.lit)
         wet = (generator.random() < self.wet) * generator.uniform(0.1, 0.5)
-        for _, thing, place, seed, (x, y), reach in self.placed(generator, camera_view):
+        things = self.placed(generator, layer.camera_view)
+        things.sort(key=lambda placed: -placed[0])
+        for _, thing, place, seed, (x, y), reach in things:
             if max(x - right, left - x, y - bottom, top - y) > reach:
                 continue
             drawing = sketch.Sketch()
             thing(drawing, Generator(SFC64(seed)), light)
             parts = drawing.parts
             if wet and thing is not roadside.marks:
-                layer.lay(
-                    [(points * (1, -1), luminance) for points, luminance in parts],
-                    place,
-                    wet,
-                    seed,
-                )
+                mirrored = [(points * (1, -1), shades) for points, shades in parts]
+                layer.lay(mirrored, place, wet, seed)
             layer.lay(parts, place, seed=seed)
         # No surface is of one shade: dirt, and what it mirrors.
-        layer.dirt = noise_nodes(generator, camera_view.context.camera.sensor_px)
+        layer.dirt = noise_nodes(generator, context.camera.sensor_px)
 
     def placed(self, generator: Generator, camera_view: view.View) -> list[Placed]:
-        """Place a frame's things, the farthest first."""
-        camera, panel = camera_view.context.camera, camera_view.context.panel
-        focal, (height, width) = camera.focal_length_px, camera.sensor_px
-        panel_m = float(camera_view.context.scene.distance_m[0])
+        """Place a frame's things."""
+        context = camera_view.context
+        camera, panel = context.camera, context.panel
+        panel_m, width = float(context.scene.distance_m[0]), camera.width_px
+        focal = camera.focal_length_px
         count = round(self.drawn("things", generator))
-        kinds = generator.integers(len(roadside.BESIDE), size=count).tolist()
-        depths = np.exp(generator.uniform(math.log(8), math.log(150), count)).tolist()
-        columns = generator.uniform(0, width, count).tolist()
-        turns = generator.standard_normal((count, 2))
+        kinds = generator.integers(len(roadside.BESIDE), size=count)
+        depths = np.exp(generator.uniform(math.log(8), math.log(150), count))
+        columns = generator.uniform(0, width, count)
+        turns = generator.standard_normal((count, 2)) * (0.15, 0.03)
         along = generator.random(count) < 0.5
-        seeds = generator.integers(1 << 62, size=count + 2).tolist()
+        *seeds, host_seed, road_seed = generator.integers(1 << 62, size=count + 2)
         slope = generator.uniform(-0.03, 0.03)
         carried = generator.random() < self.carried
         at = generator.uniform((-0.25, 0.3), (0.25, 0.75))
         corners = camera_view.points_px(view.panel_corners_m(panel))[0].cpu().numpy()
         centre = corners.mean(axis=0)
-        extent = float(np.abs(corners - centre).max())
-        road = plane_onto(camera, (1, 0, 0), (0, slope, 1), (0, 1.3, 0))
+        extent = np.abs(corners - centre).max()
+        plane = functools.partial(through_pinhole, camera)
+        road = functools.partial(plane, ((1, 0, 0), (0, slope, 1)), (0, 1.3, 0))
         things: list[Placed] = [
-            (1e9, roadside.marks, road, seeds[-1], (width / 2, height / 2), math.inf)
+            (math.inf, roadside.marks, road, road_seed, centre, math.inf)
         ]
-        places = zip(kinds, depths, columns, turns.tolist(), along, seeds, strict=False)
-        for kind, depth, column, (lean, tilt), beside, seed in places:
+        places = zip(kinds, depths, columns, turns, along, seeds, strict=True)
+        for kind, depth, column, (yaw, roll), beside, seed in places:
             thing = roadside.BESIDE[kind]
-            reach, yaw, roll = roadside.REACH_M[thing], 0.15 * lean, 0.03 * tilt
             if beside and thing is roadside.house:
                 yaw += math.copysign(0.9, width / 2 - column)
-            across = (
-                math.cos(yaw) * math.cos(roll),
-                math.sin(roll),
-                -math.sin(yaw) * math.cos(roll),
-            )
-            foot = (column - width / 2) / focal * depth, 1.3 + slope * depth, depth
-            place = plane_onto(
-                camera, across, (-math.sin(roll), math.cos(roll), 0), foot
-            )
-            middle = column, height / 2 + foot[1] / depth * focal
+            aside, down = (column - width / 2) / focal * depth, 1.3 + slope * depth
+            middle = np.array([column, camera.height_px / 2 + down / depth * focal])
+            reach = roadside.REACH_M[thing]
             reach *= focal / max(depth - reach * abs(math.sin(yaw)), 2.0)
-            before = (
-                max(abs(middle[0] - centre[0]), abs(middle[1] - centre[1]))
-                < reach + extent
-            )
+            before = np.abs(middle - centre).max() < reach + extent
             if depth > panel_m or not before:
+                sine, cosine = math.sin(roll), math.cos(roll)
+                across = cosine * math.cos(yaw), sine, -cosine * math.sin(yaw)
+                axes = across, (-sine, cosine, 0)
+                place = functools.partial(plane, axes, (aside, down, depth))
                 things.append((depth, thing, place, seed, middle, reach))
         if carried:
             least = panel.pitch_m * max(panel.shape.sides)
             host = functools.partial(roadside.vehicle, least_m=least)
             reach = 12 * max(1.0, least) * focal / panel_m
             behind = functools.partial(on_vehicle, camera_view, at)
-            things.append(
-                (panel_m, host, behind, seeds[-2], (centre[0], centre[1]), reach)
-            )
-        return sorted(things, key=lambda placed: -placed[0])
+            things.append((panel_m, host, behind, host_seed, centre, reach))
+        return things
 
 
 def on_vehicle(camera_view: view.View, at: Floats, points: Floats) -> Floats:
     """Map points of a vehicle onto the sensor, px: the panel is at shares of its width and height."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    return onto(
-        camera_view, points - (at[0] * (high - low)[0], at[1] * min(low[1], -high[1]))
-    )
+    (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
+    shift = at * (right - left, min(top, -bottom))
+    return onto(camera_view, points - shift)
 
 
 def onto(camera_view: view.View, points: Floats) -> Floats:
     """Map points (M,2) of one frame's panel, m, onto the sensor, px; NaN where some of them have no image."""
-    if not bool(camera_view.has_image(torch.from_numpy(points), 0.0).all()):
+    points_m = torch.from_numpy(points)
+    if not bool(camera_view.has_image(points_m, 0.0).all()):
         return np.full_like(points, np.nan)
-    return camera_view.points_px(torch.from_numpy(points))[0].cpu().numpy()
+    return camera_view.points_px(points_m)[0].cpu().numpy()
 
 
-def plane_onto(
-    camera: Camera,
-    across: tuple[float, ...],
-    down: tuple[float, ...],
-    origin: tuple[float, ...],
-) -> Callable[[Floats], Floats]:
-    """Give the pinhole's map of points (M,2) on a plane, m, onto the sensor, px."""
-    axes, foot = np.array([across, down]), np.array(origin, dtype=np.float64)
-    middle = np.array([camera.width_px / 2, camera.height_px / 2])
-
-    def place(points: Floats) -> Floats:
-        projected = points @ axes + foot
-        onto: Floats = middle + camera.focal_length_px * projected[:, :2] / np.maximum(
-            projected[:, 2:], 0.5
-        )
-        return onto
-
-    return place
+def through_pinhole(
+    camera: Camera, axes: ArrayLike, foot: ArrayLike, points: Floats
+) -> Floats:
+    """Map points (M,2) of a plane, m, onto the sensor, px, by the plane's axes (2,3) and its foot (3,)."""
+    projected = points @ np.array(axes, dtype=np.float64) + foot
+    middle = np.array([camera.width_px, camera.height_px]) / 2
+    scaled = camera.focal_length_px * projected[:, :2]
+    onto: Floats = middle + scaled / np.maximum(projected[:, 2:], 0.5)
+    return onto
