@@ -78,8 +78,8 @@ def disc_grid_cover(
         ([1.0, 1.0], [[1, 5]])
     """
     frames, columns, rows = *columns_x.shape, rows_y.shape[1]
-    left, width = _patch(columns_x - radius.view(-1, 1), size, canvas_px[1])
-    top, height = _patch(rows_y - radius.view(-1, 1), size, canvas_px[0])
+    left, width = patch(columns_x - radius.view(-1, 1), size, canvas_px[1])
+    top, height = patch(rows_y - radius.view(-1, 1), size, canvas_px[0])
     edges = torch.arange(
         max(width, height) + 1, dtype=radius.dtype, device=radius.device
     )
@@ -107,7 +107,7 @@ def disc_grid_cover(
     return cover.clamp_(0, 1), left.long(), top.long()
 
 
-def _patch(begin: Tensor, size: int, full: int) -> tuple[Tensor, int]:
+def patch(begin: Tensor, size: int, full: int) -> tuple[Tensor, int]:
     """First pixel (N,) and number of pixels of patches along an axis, on a canvas of ``full`` pixels."""
     return torch.floor(begin).clamp(0, max(full - size, 0)), min(size, full)
 
@@ -215,8 +215,8 @@ def ellipse_cover(
     # Seen edge-on an ellipse has no area, and rounding would leave a root of less than none.
     root = (bounds * bounds - covariance * covariance).clamp(min=0).sqrt()
     sine = (root / bounds).clamp(min=1e-9)
-    left, width = _patch(centre_px[:, 0] - half[:, 0], size, canvas_px[1])
-    top, height = _patch(centre_px[:, 1] - half[:, 1], size, canvas_px[0])
+    left, width = patch(centre_px[:, 0] - half[:, 0], size, canvas_px[1])
+    top, height = patch(centre_px[:, 1] - half[:, 1], size, canvas_px[0])
     edges = torch.arange(size + 1, dtype=centre_px.dtype, device=centre_px.device)
     u = ((left - centre_px[:, 0]).unsqueeze(-1) + edges[: width + 1]) / half[:, :1]
     v = ((top - centre_px[:, 1]).unsqueeze(-1) + edges[: height + 1]) / half[:, 1:]

@@ -77,30 +77,27 @@ class Photographs(FrameEffect, on=Quantity.BACKGROUND):
 
     def frame(self, plane: Tensor, generator: Generator, context: Context) -> Tensor:
         """Multiply (1,H,W) background luminance by the frame's photograph."""
-        pictures, full = (
-            pictures_of(self.folder, Path.cwd()),
-            np.array(context.camera.sensor_px),
-        )
-        path, _ = pictures[int(generator.integers(len(pictures)))]
+        pictures = pictures_of(self.folder, Path.cwd())
+        full = np.array(context.camera.sensor_px)
+        path, _ = pictures[generator.integers(len(pictures))]
         light = light_of(path, self.gamma, 2 * int(full.max()), context.channel)
         sides = np.array(light.shape) - 1
         scale = min(max(full / sides), 1.0) * 2 ** generator.random()
         room = np.maximum(sides - full / scale, 0)
         starts, mirrored = generator.random(2) * room, generator.random() < 0.5
+        left, top = context.first_px[0].tolist()
         places = []
-        for first, count, side, start in zip(
-            context.first_px[0].tolist()[::-1],
-            plane.shape[1:],
-            sides,
-            starts,
-            strict=True,
-        ):
-            along = (first + np.arange(count) + 0.5) / scale + start
+        for axis, first in enumerate((top, left)):
+            side = sides[axis]
+            along = (first + np.arange(plane.shape[axis + 1]) + 0.5) / scale
+            along += starts[axis]
             along = np.abs(along - 2 * side * np.floor(along / (2 * side) + 0.5))
             places.append((along - 0.5).clip(0, side - 1))
         y, x = places
+        if mirrored:
+            x = sides[1] - 1 - x
         level = np.float32(self.drawn("level", generator))
-        shade = street.between(light, sides[1] - 1 - x if mirrored else x, y) * level
+        shade = street.between(light, x, y) * level
         return plane * torch.from_numpy(shade).to(plane)
 
 
@@ -115,23 +112,22 @@ def pictures_of(folder: str, here: Path) -> tuple[tuple[Path, int], ...]:
     if not path.is_dir():
         package, _, inside = folder.partition("/")
         spec = importlib.util.find_spec(package) if package.isidentifier() else None
-        path = (
-            Path(((spec and spec.submodule_search_locations) or [folder])[0]) / inside
-        )
+        places = (spec and spec.submodule_search_locations) or [folder]
+        path = Path(places[0]) / inside
     if not path.is_dir():
         rule = (
             "a folder of pictures, or one in an installed package, such as skimage/data"
         )
         raise VoccError.of(key, repr(folder), rule)
-    found = [
-        picture
-        for picture in path.iterdir()
+    found = tuple(
+        (picture, picture.stat().st_size)
+        for picture in sorted(path.iterdir())
         if picture.suffix.lower() in PICTURE_SUFFIXES and _opens(picture)
-    ]
+    )
     if not found:
         rule = f"a folder with a picture that can be read, {' '.join(PICTURE_SUFFIXES)}"
         raise VoccError.of(key, repr(folder), rule)
-    return tuple((picture, picture.stat().st_size) for picture in sorted(found))
+    return found
 
 
 def _opens(path: Path) -> bool:
@@ -213,32 +209,26 @@ class Leaves(street.Sketched):
     def draw(self, layer: street.Layer, generator: Generator) -> None:
         """Draw one frame's shapes."""
         context, window = layer.camera_view.context, layer.window
-        plain = (
-            float(context.scene.ambient_lx[0])
-            * context.panel.background_reflectance
-            / math.pi
+        ambient, sensor_px = (
+            float(context.scene.ambient_lx[0]),
+            context.camera.sensor_px,
         )
-        low = max(context.camera.sensor_px) / 120
-        high = max(context.camera.sensor_px) / 2.5
-        drawn = generator.random((self.count, 3))
+        plain = ambient * context.panel.background_reflectance / math.pi
+        low, high = max(sensor_px) / 120, max(sensor_px) / 2.5
+        drawn, large = generator.random((self.count, 3)), self.count // 20
         radii = low / np.sqrt(1 - drawn[:, 0] * (1 - (low / high) ** 2))
-        radii[: self.count // 20] = high * (0.3 + 0.7 * drawn[: self.count // 20, 0])
-        middles = drawn[:, 1:] * context.camera.sensor_px[::-1]
-        seeds = generator.integers(1 << 62, size=self.count)
+        radii[:large] = high * (0.3 + 0.7 * drawn[:large, 0])
+        middles = drawn[:, 1:] * sensor_px[::-1]
+        seeds = generator.integers(1 << 62, size=self.count).tolist()
         far = np.maximum(window[:2] - middles, middles - window[2:]).max(axis=1)
         for leaf in np.flatnonzero(far < 2 * radii):
-            random = Generator(SFC64(int(seeds[leaf])))
+            random, radius = Generator(SFC64(seeds[leaf])), radii[leaf]
             turn, squeeze = random.uniform((0, 0.4), (2 * math.pi, 1.0))
-            axes = np.array(
-                [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
-            )
-            axes = axes * np.array([[1.0], [squeeze]]) * radii[leaf]
-            parts = self.leaf(random, plain, bool(radii[leaf] < 6 * low)).parts
-            layer.lay(
-                parts,
-                functools.partial(moved, axes, middles[leaf]),
-                seed=int(seeds[leaf]),
-            )
+            x, y = math.cos(turn), math.sin(turn)
+            axes = np.array([[x, y], [-y * squeeze, x * squeeze]]) * radius
+            place = functools.partial(moved, axes, middles[leaf])
+            drawing = self.leaf(random, plain, radius < 6 * low)
+            layer.lay(drawing.parts, place, seed=seeds[leaf])
 
     def leaf(self, g: Generator, plain: float, small: bool) -> Sketch:
         """Draw one shape, about 1 in size; those that shine are small."""
@@ -248,54 +238,46 @@ class Leaves(street.Sketched):
             for _ in range(2)
         )
         shade = spread(g, 300, 1e5) if lamp else shade
-        corners = int(g.choice([3, 4, 4, 5, 16]))
-        angles = np.arange(2 * corners) * (math.pi / corners)
+        corners = g.choice([3, 4, 4, 5, 16])
         dent = g.uniform(0.3, 0.9) if g.random() < 0.2 else math.cos(math.pi / corners)
-        reach = np.where(np.arange(2 * corners) % 2, dent, 1.0)[:, None]
-        drawing.polygon(
-            np.stack([np.cos(angles), np.sin(angles)], axis=-1) * reach, shade
-        )
-        if g.random() >= self.patterned:
-            return drawing
-        rows, columns = (int(n) for n in g.integers(2, 14, 2))
-        fill, round = g.uniform(0.3, 0.95), g.random() < 0.5
-        match g.integers(5):
-            case 0:
-                for ring in np.linspace(0.9, 0.1, 2 * g.integers(1, 5)):
-                    shade, ink = ink, shade
-                    drawing.dots(np.zeros((1, 2)), ring * 0.7, shade, round=round)
-            case 1:
-                for angle in np.arange(rows) * (2 * math.pi / rows):
-                    ends = np.array([[angle - 0.4 / rows], [angle + 0.4 / rows]])
-                    drawing.polygon(
-                        [(0, 0), *np.hstack([np.cos(ends), np.sin(ends)])], ink
-                    )
-            case 2:
-                drawing.grid(0.7, -0.7, 0.7, 1, columns, fill, ink)
-            case 3:
-                for line in np.linspace(-0.6, 0.6, rows):
-                    pen = np.cumsum(g.normal(0.08, 0.12, (12, 2)), axis=0) * (1, 0.3)
-                    pen += np.array([-0.7, line])
-                    drawing.polygon([*pen, *(pen + np.array([0.02, 0.04]))[::-1]], ink)
-            case _:
-                lit = np.broadcast_to(g.random(columns) < 0.6, (rows, columns))
-                lit = (
-                    lit ^ (np.arange(rows)[:, None] % 2 > 0)
-                    if g.random() < 0.3
-                    else lit
-                )
-                bright = np.where(lit, ink * g.uniform(1, 8), ink)
-                drawing.grid(
-                    0.7,
-                    -0.7,
-                    0.7,
-                    rows,
-                    columns,
-                    fill,
-                    bright.ravel(),
-                    round=round,
-                )
+        reach = np.tile([1.0, dent], corners)[:, None]
+        angles = np.arange(2 * corners) * (math.pi / corners)
+        drawing.polygon(on_circle(angles) * reach, shade)
+        if g.random() < self.patterned:
+            pattern(drawing, g, shade, ink)
         return drawing
+
+
+def on_circle(angles: Floats) -> Floats:
+    """Points (N,2) of the unit circle at angles, rad."""
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+def pattern(drawing: Sketch, g: Generator, shade: float, ink: float) -> None:
+    """Draw rings, spokes, stripes, scribbles or a lattice onto a shape of a shade."""
+    rows, columns = g.integers(2, 14, 2)
+    fill, round = g.uniform(0.3, 0.95), g.random() < 0.5
+    match g.integers(5):
+        case 0:
+            for ring in np.linspace(0.9, 0.1, 2 * g.integers(1, 5)):
+                shade, ink = ink, shade
+                drawing.dots((0, 0), ring * 0.7, shade, round=round)
+        case 1:
+            for angle in np.arange(rows) * (2 * math.pi / rows):
+                ends = on_circle(angle + np.array([-0.4, 0.4]) / rows)
+                drawing.polygon([(0, 0), *ends], ink)
+        case 2:
+            drawing.grid(0.7, -0.7, 0.7, 1, columns, fill, ink)
+        case 3:
+            for line in np.linspace(-0.6, 0.6, rows):
+                pen = np.cumsum(g.normal(0.08, 0.12, (12, 2)), axis=0) * (1, 0.3)
+                pen += (-0.7, line)
+                drawing.polygon([*pen, *(pen + (0.02, 0.04))[::-1]], ink)
+        case _:
+            lit = g.random(columns) < 0.6
+            turned = (np.arange(rows)[:, None] % 2 > 0) & (g.random() < 0.3)
+            bright = np.where(lit ^ turned, ink * g.uniform(1, 8), ink).ravel()
+            drawing.grid(0.7, -0.7, 0.7, rows, columns, fill, bright, round=round)
 
 
 def moved(axes: Floats, middle: Floats, points: Floats) -> Floats:

@@ -144,8 +144,8 @@ class Lamps(FrameEffect, on=Quantity.BACKGROUND):
         camera, distance_m = context.camera, context.scene.distance_m
         shining = torch.full_like(distance_m, self.luminance_cd_m2).view(-1, 1, 1)
         luminance = float(light.dimmed_once(shining, context))
-        sensor_px = camera.width_px, camera.height_px
-        middles = torch.from_numpy(generator.random((1, self.count, 2)) * sensor_px)
+        shares = generator.random((1, self.count, 2))
+        middles = torch.from_numpy(shares * camera.sensor_px[::-1])
         middles = middles.to(distance_m) - context.first_px
         radius = self.diameter_m / 2 * camera.pixels_per_metre(distance_m)
         spread = torch.diag_embed(radius.square().view(1, 1, 1).expand_as(middles))
@@ -153,8 +153,7 @@ class Lamps(FrameEffect, on=Quantity.BACKGROUND):
         size = plane.shape[1], plane.shape[2]
         discs = raster.ellipse_patches(middles, spread, every, canvas_px=size)
         for _, cover, left, top in discs:
-            places = zip(left.tolist(), top.tolist(), cover.to(plane), strict=True)
-            for x, y, disc in places:
+            for x, y, disc in zip(left, top, cover.to(plane), strict=True):
                 height, width = disc.shape
                 window = plane[0, y : y + height, x : x + width]
                 window.mul_(1 - disc).add_(disc * luminance)
@@ -202,13 +201,9 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Draw the panel onto each frame's (B,1,H,W) background luminance."""
         panel, scene = context.panel, context.scene
-        width_m = panel.shape.columns * panel.pitch_m
-        height_m = panel.shape.rows * panel.pitch_m
-        near = 1 - 1e-9
-        if (
-            abs(self.offset_x_m) < width_m * near
-            and abs(self.offset_y_m) < height_m * near
-        ):
+        height_m, width_m = (side * panel.pitch_m for side in panel.shape.sides)
+        beside = abs(self.offset_x_m) / width_m, abs(self.offset_y_m) / height_m
+        if max(beside) < 1 - 1e-9:
             raise VoccError(
                 f"scene.effects.{self.name}."
                 f"offset_x_m is {self.offset_x_m:g} and offset_y_m {self.offset_y_m:g}: the panels overlap, "
@@ -221,65 +216,48 @@ class SecondPanel(Effect, on=Quantity.BACKGROUND):
             self.name, lambda g: g.integers(2, size=size, dtype=np.uint8)
         )
         full = scene.led_luminance_cd_m2.view(-1, 1, 1) * self.luminance_share
-        luminance = light.dimmed_once(
-            colour.of_leds(bits.to(full) * full, context), context
-        )
-        surface = photometry.reflected_luminance_cd_m2(
-            scene.ambient_lx, panel.led_reflectance
-        )
-        shining, canvas = surface.view(-1, 1, 1) + luminance, value.squeeze(1)
+        sent = colour.of_leds(bits.to(full) * full, context)
+        ambient = scene.ambient_lx.view(-1, 1, 1)
+        surface = photometry.reflected_luminance_cd_m2(ambient, panel.led_reflectance)
+        shining = surface + light.dimmed_once(sent, context)
+        canvas, size = value.squeeze(1), (value.shape[2], value.shape[3])
+        boardless = panel.board_reflectance is None
         if panel.board_reflectance is not None:
             board = photometry.reflected_luminance_cd_m2(
-                scene.ambient_lx, panel.board_reflectance
+                ambient, panel.board_reflectance
             )
-            boards = board.repeat_interleave(panel.shape.leds)
-            cells = cell_patches(
-                leds_m,
-                panel.pitch_m / 2,
-                (canvas.shape[1], canvas.shape[2]),
-                context,
-                None,
-            )
-            covered, added = laid(canvas, boards, cells)
+            every = torch.ones(len(canvas), dtype=torch.bool, device=canvas.device)
+            cells = cell_patches(leds_m, panel.pitch_m / 2, size, context, every)
+            canvas = laid(canvas, board.expand_as(shining), cells)
             # What an LED covers is board, also in a pixel that the board's edge crosses.
-            canvas = canvas * (1 - covered) + added
-            shining = shining - board.view(-1, 1, 1)
-        covered, added = laid(
-            canvas, shining.flatten(), led_patches(leds_m, canvas, context)
-        )
-        hidden = covered if panel.board_reflectance is None else 0.0
-        return (canvas * (1 - hidden) + added).unsqueeze(1)
+            shining = shining - board
+        leds = led_patches(leds_m, size, context)
+        return laid(canvas, shining, leds, opaque=boardless).unsqueeze(1)
 
 
 def laid(
-    canvas: Tensor, luminance: Tensor, patches: raster.Patches
-) -> tuple[Tensor, Tensor]:
-    """Share of each pixel (B,H,W) that N shapes a frame cover, and their light there, of (B*N,) cd/m2."""
+    canvas: Tensor, luminance: Tensor, patches: raster.Patches, *, opaque: bool = True
+) -> Tensor:
+    """Lay shapes of luminance (B,R,C) before a canvas (B,H,W), or add their light to it."""
     covered, added = torch.zeros_like(canvas), torch.zeros_like(canvas)
     for which, cover, left, top in patches:
-        frame = which // (len(luminance) // len(canvas))
+        frame = which // luminance[0].numel()
+        shaded = cover * luminance.flatten()[which].view(-1, 1, 1)
         raster.add_patches(covered, cover, frame, left, top)
-        raster.add_patches(
-            added, cover * luminance[which].view(-1, 1, 1), frame, left, top
-        )
-    return covered, added
+        raster.add_patches(added, shaded, frame, left, top)
+    return canvas * (1 - covered * opaque) + added
 
 
-def led_patches(leds_m: Tensor, canvas: Tensor, context: Context) -> raster.Patches:
+def led_patches(leds_m: Tensor, size: raster.Size, context: Context) -> raster.Patches:
     """Cover the LEDs (N,2) that each frame shows."""
     camera_view, radius_m = view.view_of(context), context.panel.led_diameter_m / 2
-    height, width = canvas.shape[1:]
     has_image = camera_view.has_image(leds_m, radius_m)
     # Our panel's centre, which has an image, stands in the place of points that have none.
     centre, spread = camera_view.discs_px(
         torch.where(has_image.unsqueeze(-1), leds_m, 0.0), radius_m
     )
-    return raster.ellipse_patches(
-        centre - context.first_px.unsqueeze(1),
-        spread,
-        has_image.flatten(),
-        canvas_px=(height, width),
-    )
+    centre = centre - context.first_px.unsqueeze(1)
+    return raster.ellipse_patches(centre, spread, has_image.flatten(), canvas_px=size)
 
 
 def cell_patches(
@@ -287,13 +265,13 @@ def cell_patches(
     half_m: float | Tensor,
     size: raster.Size,
     context: Context,
-    drawn: Tensor | None,
+    drawn: Tensor,
 ) -> raster.Patches:
     """Cover squares about LEDs (N,2) of half a side, one or (B,1,1,1): cells are a board's parts.
 
     Their edges may be curved. ``drawn`` (B,) says which frames have them.
     """
-    camera_view, (height, width) = view.view_of(context), size
+    camera_view = view.view_of(context)
     arms_m = leds_m.new_tensor(CLOCKWISE) * half_m
     squares_m = (leds_m.unsqueeze(1) + arms_m).flatten(-3, -2)
     has_image = camera_view.has_image(squares_m, 0.0)
@@ -301,19 +279,12 @@ def cell_patches(
         torch.where(has_image.unsqueeze(-1), squares_m, 0.0)
     )
     corners = (corners - context.first_px.unsqueeze(1)).view(-1, 4, 2)
-    low = corners.amin(dim=1)
-    high = corners.amax(dim=1)
-    chosen = has_image.view(-1, 4).all(dim=1)
-    if drawn is not None:
-        chosen = chosen & drawn.repeat_interleave(len(leds_m))
-    for which, side in raster.by_size(low, high, (height, width), chosen):
-        down, across = min(side, height), min(side, width)
-        last = low.new_tensor([width - across, height - down])
-        begin = torch.minimum(torch.floor(low[which]).clamp(min=0), last)
-        left, top = begin.long().unbind(dim=-1)
-        yield (
-            which,
-            raster.polygon_cover(corners[which] - begin.unsqueeze(1), down, across),
-            left,
-            top,
+    low, high = corners.aminmax(dim=1)
+    chosen = has_image.view(-1, 4).all(dim=1) & drawn.repeat_interleave(len(leds_m))
+    for which, side in raster.by_size(low, high, size, chosen):
+        (left, width), (top, height) = (
+            raster.patch(low[which, axis], side, size[1 - axis]) for axis in (0, 1)
         )
+        begin = torch.stack([left, top], dim=-1).unsqueeze(1)
+        cover = raster.polygon_cover(corners[which] - begin, height, width)
+        yield which, cover, left.long(), top.long()

@@ -17,6 +17,7 @@ from vocc_torch.simulation.effects.base import (
     of_kind,
     within,
 )
+from vocc_torch.simulation.roadside import Light
 from vocc_torch.simulation.scene import Distribution
 from vocc_torch.simulation.sketch import Sketch
 
@@ -159,11 +160,8 @@ class Multiplexing(Effect, on=Quantity.LED_LUMINANCE):
         )
         rate, phase, chosen = drawn.unsqueeze(-1).unbind(1)
         length = rate * context.camera.exposure_time_s
-        begin = (
-            torch.arange(value.shape[1], device=value.device)
-            % self.groups
-            / self.groups
-        )
+        rows = torch.arange(value.shape[1], device=value.device)
+        begin = rows % self.groups / self.groups
         caught = self._lit(phase + length, begin) - self._lit(phase, begin)
         factor = torch.where(chosen < self.share, caught * self.groups / length, 1.0)
         return value * factor.to(value).unsqueeze(-1)
@@ -224,33 +222,32 @@ class Housing(street.Sketched):
     def sketch(self, generator: Generator, context: Context) -> Sketch:
         """Draw one frame's parts, m from the panel's middle."""
         panel, drawing = context.panel, Sketch()
-        parts = ("board", "rim", "rim_reflectance", "cables")
         board, rim, reflectance, cables = (
-            self.drawn(name, generator) for name in parts
+            self.drawn(name, generator)
+            for name in ("board", "rim", "rim_reflectance", "cables")
         )
-        white = float(context.scene.ambient_lx[0]) / math.pi
-        x, y = (n * panel.pitch_m / 2 for n in (panel.shape.columns, panel.shape.rows))
-        rim, shade = rim * panel.pitch_m, max(white * reflectance, 1e-6)
+        light = Light(float(context.scene.ambient_lx[0]) / math.pi, 0.0, 0.0)
+        y, x = (side * panel.pitch_m / 2 for side in panel.shape.sides)
+        rim, shade = rim * panel.pitch_m, light.of(reflectance)
         bare = generator.random() < self.boardless
         for _ in range(round(cables)):
-            thick = generator.uniform(0.1, 0.8) * panel.pitch_m
+            side = generator.uniform(0.1, 0.8) * panel.pitch_m / 2, 0
             steps = np.arange(9) / 8 * generator.uniform(0.5, 3)
             bend = np.cumsum(generator.normal(0, 0.3, 9)) + generator.uniform(-1, 1)
-            line = np.stack([bend * x, y * (0.9 + steps)], axis=-1) * generator.choice(
-                [-1, 1]
-            )
-            side = np.array([thick / 2, 0.0])
+            line = np.stack([bend * x, y * (0.9 + steps)], axis=-1)
+            line *= generator.choice([-1, 1])
             outline = [*(line - side), *(line + side)[::-1]]
-            drawing.polygon(outline, max(white * generator.uniform(0.02, 0.7), 1e-6))
+            drawing.polygon(outline, light.matt(generator, 0.02, 0.7))
+        high, wide = y + rim, x + rim
         if rim and not bare:
-            drawing.box(x + rim, -y - rim, y + rim, shade)
+            drawing.box(wide, -high, high, shade)
         elif rim:
             for row in (-y, y):
-                drawing.box(x + rim, row - rim, row + rim, shade)
+                drawing.box(wide, row - rim, row + rim, shade)
             for column in (-x, x):
-                drawing.box((column - rim, column + rim), -y - rim, y + rim, shade)
+                drawing.box((column - rim, column + rim), -high, high, shade)
         if not bare:
-            drawing.box(x, -y, y, max(white * board, 1e-6))
+            drawing.box(x, -y, y, light.of(board))
         return drawing
 
 
