@@ -60,24 +60,21 @@ def demand_in_sight(scene: Scene, camera: Camera, panel: LedPanel) -> None:
         VoccError: an LED's image wider than 100000 px, or a panel's that reaches farther than 1e12 px.
     """
     half_m = panel.pitch_m * max(panel.shape.sides) / 2
+    if not len(scene):
+        return
     scale = camera.pixels_per_metre(scene.distance_m)
-    widest = panel.led_diameter_m * scale
-    farthest = (
-        torch.maximum(scene.offset_x_m.abs(), scene.offset_y_m.abs()) + half_m
-    ) * scale
-    if not bool(
-        ((widest <= SETTINGS.most_led_px) & (farthest <= SETTINGS.farthest_px)).all()
-    ):
-        near = int(widest.argmax())
-        demand_led_px(float(widest[near]), float(scene.distance_m[near]))
-        far = int(farthest.argmax())
-        names = ("offset_x_m", "offset_y_m", "distance_m")
+    nearest_m = float(scene.distance_m.min())
+    demand_led_px(float(panel.led_diameter_m * scale.max()), nearest_m)
+    aside_m = torch.maximum(scene.offset_x_m.abs(), scene.offset_y_m.abs())
+    farthest, far = ((aside_m + half_m) * scale).max(dim=0)
+    if not farthest <= SETTINGS.farthest_px:
         values = ", ".join(
-            f"scene.{name} is {float(getattr(scene, name)[far]):g}" for name in names
+            f"scene.{name} is {float(getattr(scene, name)[far]):g}"
+            for name in ("offset_x_m", "offset_y_m", "distance_m")
         )
         raise VoccError(
             f"{values}: the panel's image must lie within {SETTINGS.farthest_px:g} px, "
-            f"and this reaches {float(farthest[far]):g}"
+            f"and this reaches {float(farthest):g}"
         )
 
 
@@ -202,12 +199,10 @@ def crop_origins_px(
         >>> crop_origins_px(torch.tensor([[100.4, 3.0]]), (40, 40), (1080, 1920), grid_px=8).tolist()
         [[80, 0]]
     """
-    extent = torch.tensor([size_px[1], size_px[0]], device=centre_px.device)
-    sensor = torch.tensor([sensor_px[1], sensor_px[0]], device=centre_px.device)
-    centred = torch.round(centre_px).long() - extent // 2
+    sensor, extent = torch.tensor([sensor_px, size_px], device=centre_px.device).flip(1)
     # The crop that this holds begins up to a grid's step later.
-    centred = centred + grid_px // 2
-    return torch.minimum((centred - centred % grid_px).clamp(min=0), sensor - extent)
+    begin = torch.round(centre_px).long() - extent // 2 + grid_px // 2
+    return torch.minimum((begin - begin % grid_px).clamp(min=0), sensor - extent)
 
 
 def read_surround(value: Tensor, centre_px: Tensor, origin_px: Tensor) -> Tensor:
@@ -225,25 +220,20 @@ def demand_even_border(value: Tensor, batch: "Batch") -> None:
     Raises:
         VoccError: a side within the sensor that is not one value, but for a hundred-thousandth of the most.
     """
-    if not (
-        names := [
-            f"scene.effects.{effect.name}"
-            for effect in batch.context.effects
-            if effect.target
-        ]
-    ):
+    context, (height, width) = batch.context, batch.size
+    names = [f"scene.effects.{part.name}" for part in context.effects if part.target]
+    if not names:
         return
-    (x, y) = batch.context.first_px.unbind(-1)
-    (height, width) = batch.size
-    plane = value[:, 0].double()
-    camera = batch.context.camera
-    corner = read_surround(value, batch.centre_px, batch.context.first_px)
-    rows = (plane[:, 0], y > 0), (plane[:, -1], y + height < camera.height_px)
-    columns = (plane[..., 0], x > 0), (plane[..., -1], x + width < camera.width_px)
-    for side, inside in (*rows, *columns):
-        uneven = (side - corner.unsqueeze(-1)).abs().amax(-1) > 1e-5 * plane.amax(
-            (1, 2)
-        )
+    x, y = context.first_px.unbind(-1)
+    plane, camera = value[:, 0].double(), context.camera
+    corner = read_surround(value, batch.centre_px, context.first_px).unsqueeze(-1)
+    for side, inside in (
+        (plane[:, 0], y > 0),
+        (plane[:, -1], y + height < camera.height_px),
+        (plane[..., 0], x > 0),
+        (plane[..., -1], x + width < camera.width_px),
+    ):
+        uneven = (side - corner).abs().amax(-1) > 1e-5 * plane.amax((1, 2))
         if bool((uneven & inside).any()):
             raise VoccError(
                 f"{' or '.join(names)} changes the border of a crop of {width} x {height} px: "
@@ -262,9 +252,8 @@ def lay_on_sensor(
         [[[[3.0, 5.0, 5.0, 3.0], [3.0, 3.0, 3.0, 3.0]]]]
     """
     height, width = value.shape[-2:]
-    full = (
-        surround.view(-1, 1, 1, 1).expand(-1, value.shape[1], *sensor_px).contiguous()
-    )
+    shape = -1, value.shape[1], *sensor_px
+    full = surround.view(-1, 1, 1, 1).expand(shape).contiguous()
     for index, (x, y) in enumerate(origin_px.tolist()):
         full[index, :, y : y + height, x : x + width] = value[index]
     return full
@@ -355,9 +344,8 @@ def drawn_by_distance(
     """
     distance_m = torch.where(apart, 0.0, batch.context.scene.distance_m)
     sorted_m, order = distance_m.sort(descending=True, stable=True)
-    most = (SETTINGS.chunk_pixels if on_host else SETTINGS.device_pixels) // math.prod(
-        drawn_px
-    )
+    pixels = SETTINGS.chunk_pixels if on_host else SETTINGS.device_pixels
+    most = pixels // math.prod(drawn_px)
     if on_host and sorted_m[0] > SETTINGS.size_step * sorted_m[-1]:
         most = min(most, SETTINGS.part_frames)
     drawn = []

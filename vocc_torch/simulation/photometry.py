@@ -156,7 +156,7 @@ def through_lens(luminance_cd_m2: Tensor, camera: Camera) -> Tensor:
 
 
 def as_seen(
-    surface_cd_m2: Tensor, context: Context, own_cd_m2: Tensor | None = None
+    surface_cd_m2: Tensor, context: Context, own_cd_m2: Tensor | float = 0.0
 ) -> Tensor:
     """Luminance of a surface, and of its own light, through the scene's air and veil.
 
@@ -168,10 +168,9 @@ def as_seen(
     Returns:
         (B,) cd/m2.
     """
-    luminance = surface_cd_m2[:, None, None, None]
-    for quantity in (Quantity.UNLIT, Quantity.LUMINANCE):
-        if quantity == Quantity.LUMINANCE and own_cd_m2 is not None:
-            luminance = luminance + own_cd_m2[:, None, None, None]
+    luminance = surface_cd_m2
+    for quantity, light in ((Quantity.UNLIT, 0.0), (Quantity.LUMINANCE, own_cd_m2)):
+        luminance = (luminance.flatten() + light).view(-1, 1, 1, 1)
         for effect in context.effects:
             if effect.takes == quantity and effect.metered:
                 luminance = effect.applied(luminance, context)
@@ -216,9 +215,7 @@ def auto_iso(context: Context) -> Tensor:
     most = BRIGHTEST ** min(camera.gamma, 1.0)
     if not any(effect.gives == Quantity.BOUNDED_GREY for effect in context.effects):
         most = min(most, (MOST_GREY / MIDDLE_GREY) ** camera.gamma)
-    possible = (
-        (iso >= ISO_RANGE[0]) & (iso <= ISO_RANGE[1]) & (brightest * iso / 10 <= most)
-    )
+    possible = (iso == iso.clamp(*ISO_RANGE)) & (brightest * iso / 10 <= most)
     if not bool(possible.all()):
         raise light_refusal(context, int(possible.int().argmin()), iso)
     return iso
@@ -250,9 +247,10 @@ def light_refusal(context: Context, frame: int, iso: Tensor) -> VoccError:
     if lux == 0 and camera.iso_limits is None:
         rule = "it must be above 0, or give camera.iso_limits, for auto-ISO without limits meters this light"
         return VoccError(f"{ambient}: {rule}")
-    if not ISO_RANGE[0] <= speed <= ISO_RANGE[1]:
+    low, high = ISO_RANGE
+    if not low <= speed <= high:
         target = f"scene.background_grey is {float(scene.background_grey[frame]):g}"
-        rule = f"it must lead to an ISO speed from {ISO_RANGE[0]:g} to {ISO_RANGE[1]:g}"
+        rule = f"it must lead to an ISO speed from {low:g} to {high:g}"
         return VoccError(
             f"{ambient} and {target}: {rule}, and this is {speed:g} (or give camera.iso_limits)"
         )

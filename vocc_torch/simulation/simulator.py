@@ -1,5 +1,6 @@
 """The simulator: bits and scenes in, camera frames out, with the named effects and no others."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -96,13 +97,8 @@ class Simulator:
         self._colour = of_kind(self.effects, Colour)
         self.further = self._colour.further if self._colour else ()
         self._channels = range(len(CHANNELS)) if self._colour else (None,)
-        names = {effect.name for effect in self.effects}
-        if (
-            self._colour
-            and self._colour.grey != "luma"
-            and "bayer" in names
-            and "demosaicing" not in names
-        ):
+        mosaic = {effect.name for effect in self.effects} & {"bayer", "demosaicing"}
+        if self._colour and self._colour.grey != "luma" and mosaic == {"bayer"}:
             raise VoccError.of(
                 "scene.effects.colour.grey",
                 repr(self._colour.grey),
@@ -189,28 +185,17 @@ class Simulator:
         context = self._context(scene)
         led_luminance = scene.led_luminance_cd_m2.view(-1, 1, 1)
         for effect in painter.taking(self.effects, Quantity.LED_LUMINANCE):
-            led_luminance = (
-                led_luminance
-                if effect.sampled
-                else effect.applied(led_luminance, context)
-            )
+            if not effect.sampled:
+                led_luminance = effect.applied(led_luminance, context)
         off = photometry.reflected_luminance_cd_m2(
             scene.ambient_lx, self.panel.led_reflectance
         )
-        iso, dark = photometry.auto_iso(context), torch.zeros_like(off)
-        luminances = (
-            photometry.as_seen(off, context, shining)
-            for shining in (led_luminance.view(-1), dark)
-        )
-        exposures = (
-            photometry.through_lens(luminance, self.camera) for luminance in luminances
-        )
-        greys = [
-            photometry.grey_value(exposure, iso, gamma=self.camera.gamma)
-            for exposure in exposures
-        ]
-        if self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL):
-            greys = [grey.clamp(max=255.0) for grey in greys]
+        clipped = self.output in (Quantity.BOUNDED_GREY, Quantity.DIGITAL)
+        greys = []
+        for shining in (led_luminance.view(-1), torch.zeros_like(off)):
+            luminance = photometry.as_seen(off, context, shining)
+            grey, _ = self._run((luminance, Quantity.LUMINANCE), [], context)
+            greys.append(grey.clamp(max=255.0 if clipped else math.inf))
         return ((greys[0] - greys[1]) / 255.0).to(self.device)
 
     def crop_px(self, nearest_m: float) -> framing.Size:
@@ -248,28 +233,8 @@ class Simulator:
         for key in keys:
             demand_kind("keys", key, FrameKey)
         scene, bits = self._checked(scene), self._checked_bits(bits, len(scene))
-        nearest, sensor = float(scene.distance_m.min()), self.camera.sensor_px
-        if nearest_m is not None and finite_number("nearest_m", nearest_m) > nearest * (
-            1 + 1e-9
-        ):
-            raise VoccError(
-                f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}"
-            )
-        unbounded = any(effect.unbounded for effect in self.effects)
-        window = panel_only and self._filling is not None and not unbounded
-        if self._colour is not None and of_kind(self.effects, Jpeg):
-            window = False  # the chroma's blocks are wider than a window's grid
-        drawn_full = self._filling is not None and (
-            self._colour is not None or self._filling.takes in DRAWN
-        )
-        full_frame = self.framing != "crop" or (
-            self._filling is not None and not window
-        )
-        size = sensor
-        if window or not (self.framing == "full" or drawn_full):
-            size = self.crop_px(nearest if nearest_m is None else nearest_m)
-            size = framing.window_size_px(size, sensor) if window else size
-        framing.demand_pixels(sensor if full_frame else size)
+        sensor, window = self.camera.sensor_px, panel_only and self._has_windows
+        size = self._drawn_px(scene, nearest_m, window)
         grid_px = framing.SETTINGS.window_grid_px if window else 1
         batch = framing.Batch.around(
             self._context(scene, keys), bits.cpu(), size, grid_px=grid_px
@@ -288,26 +253,51 @@ class Simulator:
             sensor if self._filling and not window else size,
             on_host=self.device.type == "cpu",
         )
-        centre, origin = (
-            points_px.to(self.device, non_blocking=True)
-            for points_px in (batch.centre_px, origin)
-        )
         if self.output == Quantity.GREY:
             photometry.demand_greys(pictures)
-        surround = None
+        origin, surround = origin.to(self.device, non_blocking=True), None
         if not window and tuple(pictures.shape[-2:]) != sensor:
+            centre = batch.centre_px.to(self.device, non_blocking=True)
             surround = framing.read_surround(pictures, centre, origin)
             if self.framing != "crop":
                 pictures = framing.lay_on_sensor(pictures, surround, origin, sensor)
                 surround = None
-        origin = (
-            torch.zeros_like(origin) if tuple(pictures.shape[-2:]) == sensor else origin
-        )
+        if tuple(pictures.shape[-2:]) == sensor:
+            origin = torch.zeros_like(origin)
         if self._colour is None or pictures.shape[1] == 1:  # a raw mosaic has one plane
             return Frames(pictures, origin, sensor, surround)
-        return Frames(
-            self._colour.grey_of(pictures), origin, sensor, surround, pictures
-        )
+        grey = self._colour.grey_of(pictures)
+        return Frames(grey, origin, sensor, surround, pictures)
+
+    @property
+    def _has_windows(self) -> bool:
+        """Whether a part of a frame can be rendered alone though an effect fills the sensor."""
+        if self._filling is None or any(effect.unbounded for effect in self.effects):
+            return False
+        # The chroma's blocks are wider than a window's grid.
+        return not (self._colour and of_kind(self.effects, Jpeg))
+
+    def _drawn_px(
+        self, scene: Scene, nearest_m: float | None, window: bool
+    ) -> framing.Size:
+        """Height and width of what is drawn of each frame; frames of too many pixels are refused."""
+        nearest, sensor = float(scene.distance_m.min()), self.camera.sensor_px
+        if nearest_m is None:
+            nearest_m = nearest
+        elif finite_number("nearest_m", nearest_m) > nearest * (1 + 1e-9):
+            raise VoccError(
+                f"nearest_m is {nearest_m:g}: it must be at most the nearest scene's {nearest:g}"
+            )
+        size, filling = sensor, self._filling
+        if window:
+            size = framing.window_size_px(self.crop_px(nearest_m), sensor)
+        elif self.framing != "full" and not (
+            filling and (self._colour or filling.takes in DRAWN)
+        ):
+            size = self.crop_px(nearest_m)
+        is_part = self.framing == "crop" and (window or filling is None)
+        framing.demand_pixels(size if is_part else sensor)
+        return size
 
     def _checked(self, scene: Scene) -> Scene:
         """Give scenes in the host's memory, or refuse by name those that cannot be rendered."""
@@ -351,12 +341,9 @@ class Simulator:
         apart, planes = [*stops, True].index(True), []
         for channel in channels:
             part = replace(batch, context=replace(context, channel=channel))
-            value, current = self._run(
-                (self.paint(part), Quantity.LUMINANCE),
-                after[:apart],
-                part.context,
-                to_end=apart == len(after),
-            )
+            painted = self.paint(part), Quantity.LUMINANCE
+            to_end = apart == len(after)
+            value, current = self._run(painted, after[:apart], part.context, to_end)
             if is_laid or (is_crop and self._filling is None):
                 framing.demand_even_border(value, batch)
             planes.append(value)
@@ -369,14 +356,13 @@ class Simulator:
                 pictures, surround, context.first_px, sensor
             )
             context = replace(context, origin_px=torch.zeros_like(context.first_px))
-        return self._run((pictures, current), after[apart:], context, to_end=True)[0]
+        return self._run((pictures, current), after[apart:], context)[0]
 
     def paint(self, batch: framing.Batch) -> Tensor:
         """Draw the picture that the lens sees, (B,1,H,W) cd/m2."""
         context, shares = batch.context, None
-        for effect in self.effects:
-            if isinstance(effect, light.RollingShutter):
-                shares = effect.row_shares(context, batch.size[0])
+        if shutter := of_kind(self.effects, light.RollingShutter):
+            shares = shutter.row_shares(context, batch.size[0])
         leds = self._lights(batch.bits, context)
         for colour_context, bits in self._further(context):
             leds = leds + self._lights(bits, colour_context)
@@ -384,19 +370,12 @@ class Simulator:
 
     def _lights(self, bits: Tensor, context: Context) -> Tensor:
         """Light of LEDs of one colour in each of K symbols, (B,K,R,C) cd/m2, by the (B,R,C) sent."""
-        symbols = bits.unsqueeze(1)
-        for effect in self.effects:
-            if isinstance(effect, light.RollingShutter):
-                symbols = effect(bits, context)
+        shutter = of_kind(self.effects, light.RollingShutter)
+        symbols = shutter(bits, context) if shutter else bits.unsqueeze(1)
         leds = symbols * context.scene.led_luminance_cd_m2.view(-1, 1, 1, 1)
         for effect in painter.taking(self.effects, Quantity.LED_LUMINANCE):
-            leds = torch.stack(
-                [
-                    effect.applied(channel_leds, context)
-                    for channel_leds in leds.unbind(1)
-                ],
-                dim=1,
-            )
+            applied = [effect.applied(shown, context) for shown in leds.unbind(1)]
+            leds = torch.stack(applied, dim=1)
         return leds
 
     def _further(self, context: Context) -> Iterator[tuple[Context, Tensor]]:
@@ -411,8 +390,7 @@ class Simulator:
         pictures: Seen,
         effects: Sequence[Effect],
         context: Context,
-        *,
-        to_end: bool = False,
+        to_end: bool = True,
     ) -> Seen:
         """Apply effects in order, with the camera's own steps before each, or on to the grey values."""
         value, current = pictures
@@ -424,7 +402,8 @@ class Simulator:
                     value = photometry.through_lens(value, self.camera)
                     current = Quantity.EXPOSURE
                 else:
-                    iso = photometry.auto_iso(context).to(self.dtype).view(-1, 1, 1, 1)
+                    iso = photometry.auto_iso(context).to(value.dtype)
+                    iso = iso.view(-1, *[1] * (value.ndim - 1))
                     value = photometry.grey_value(value, iso, gamma=self.camera.gamma)
                     current = Quantity.GREY
             if effect is not None:

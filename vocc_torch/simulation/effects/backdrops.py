@@ -272,7 +272,7 @@ def pattern(drawing: Sketch, g: Generator, shade: float, ink: float) -> None:
             for line in np.linspace(-0.6, 0.6, rows):
                 pen = np.cumsum(g.normal(0.08, 0.12, (12, 2)), axis=0) * (1, 0.3)
                 pen += (-0.7, line)
-                drawing.polygon([*pen, *(pen + (0.02, 0.04))[::-1]], ink)
+                drawing.polygon([*pen, *np.add(pen, (0.02, 0.04))[::-1]], ink)
         case _:
             lit = g.random(columns) < 0.6
             turned = (np.arange(rows)[:, None] % 2 > 0) & (g.random() < 0.3)
