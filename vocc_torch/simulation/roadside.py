@@ -174,7 +174,7 @@ def house(sketch: Sketch, g: Generator, light: Light) -> None:
     state = g.random(rows * columns)
     glass = np.where(state < 0.5, 0.04, g.uniform(0.05, 1.0, len(state)))
     lived_in = g.random(len(state)) < light.lit * g.uniform(0.1, 0.7)
-    inside = lived_in * np.exp(g.uniform(2.5, 6.5, len(state)))
+    inside = np.exp(g.uniform(2.5, 6.5, len(state))) * lived_in
     windows = wide / 2, -high, -1.2, rows, columns
     inner = g.uniform(0.35, 0.8)
     if g.random() < 0.6:

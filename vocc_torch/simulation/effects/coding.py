@@ -85,18 +85,15 @@ class Demosaicing(Effect, on=Quantity.EXPOSURE):
         raw = value.double()
         if filters := of_kind(context.effects, Bayer):
             raw = raw / filters.filters(raw, context)
-        phases = [
-            (x % SETTINGS.cell_px, y % SETTINGS.cell_px)
-            for x, y in context.first_px.tolist()
-        ]
         coloured = context.channel is None and {"colour", "bayer"} <= {
             effect.name for effect in context.effects
         }
         planes = raw.new_empty(len(raw), 3 if coloured else 1, *raw.shape[2:])
-        for phase in set(phases):
-            alike = [frame for frame, its in enumerate(phases) if its == phase]
-            rows = slice(None) if len(alike) == len(raw) else alike
-            planes[rows] = demosaiced(raw[rows], PATTERNS[phase], coloured)
+        phases = (context.first_px % SETTINGS.cell_px).cpu()
+        for phase in torch.unique(phases, dim=0):
+            alike = (phases == phase).all(dim=1).to(raw.device)
+            pattern = PATTERNS[phase[0].item(), phase[1].item()]
+            planes[alike] = demosaiced(raw[alike], pattern, coloured)
         return planes.to(value.dtype)
 
 
@@ -111,17 +108,12 @@ def demosaiced(raw: Tensor, pattern: CFA, coloured: bool) -> Tensor:
     strips = []
     for top in range(0, height, SETTINGS.mosaic_rows):
         above = min(top, SETTINGS.cell_px)
-        strip = raw[..., top - above : top + SETTINGS.mosaic_rows + SETTINGS.cell_px, :]
-        even = nn.functional.pad(
-            strip,
-            (0, width % SETTINGS.cell_px, 0, strip.shape[-2] % SETTINGS.cell_px),
-            mode="reflect",
-        )
-        rgb = raw_to_rgb(even, pattern)
-        grey = (rgb if coloured else rgb_to_grayscale(rgb))[..., :width]
-        strips.append(
-            grey[..., above : above + min(SETTINGS.mosaic_rows, height - top), :]
-        )
+        bottom = min(top + SETTINGS.mosaic_rows, height)
+        strip = raw[..., top - above : bottom + SETTINGS.cell_px, :]
+        odd = 0, width % SETTINGS.cell_px, 0, strip.shape[-2] % SETTINGS.cell_px
+        rgb = raw_to_rgb(nn.functional.pad(strip, odd, mode="reflect"), pattern)
+        planes = rgb if coloured else rgb_to_grayscale(rgb)
+        strips.append(planes[..., above : above + bottom - top, :width])
     return torch.cat(strips, dim=-2)
 
 
@@ -178,10 +170,8 @@ class Letterbox(FrameEffect, on=Quantity.BOUNDED_GREY):
             context.first_px[0].tolist(),
             context.camera.sensor_px,
         )
-        rows, columns = (
-            top + np.arange(plane.shape[1]),
-            left + np.arange(plane.shape[2]),
-        )
+        rows = top + np.arange(plane.shape[1])
+        columns = left + np.arange(plane.shape[2])
         bar = self.drawn("bar", generator) * (generator.random() < self.share)
         along, full = ((rows[:, None], height), (columns, width))[
             int(generator.random() < 0.5)
@@ -194,14 +184,10 @@ class Letterbox(FrameEffect, on=Quantity.BOUNDED_GREY):
             black = torch.from_numpy((along < bar * full) | (along >= (1 - bar) * full))
             plane = plane.masked_fill(black.to(plane.device), 0.0)
         if generator.random() < self.lettering:
-            row = (rows - round(y)) // times
-            column = (columns - round(x * width * 0.5)) // times
-            shown = (
-                (row >= 0) & (row < len(mask)),
-                (column >= 0) & (column < mask.shape[1]),
-            )
-            lit = np.zeros(plane.shape[1:], dtype=bool)
-            lit[np.ix_(*shown)] = mask[np.ix_(row[shown[0]], column[shown[1]])]
+            row = (rows - round(y)) // times + 1
+            column = (columns - round(x * width * 0.5)) // times + 1
+            bordered = np.pad(mask, 1)
+            lit = bordered.take(row, 0, mode="clip").take(column, 1, mode="clip")
             plane = plane.masked_fill(torch.from_numpy(lit).to(plane.device), white)
         return plane
 
@@ -279,7 +265,7 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
             VoccError: crops off the grid of blocks.
         """
         for at in context.first_px.tolist():
-            if at[0] % SETTINGS.jpeg_block_px or at[1] % SETTINGS.jpeg_block_px:
+            if any(start % SETTINGS.jpeg_block_px for start in at):
                 raise VoccError(
                     f"scene.effects.jpeg got a crop at {at}, off the grid of {SETTINGS.jpeg_block_px} px"
                 )
@@ -291,23 +277,22 @@ class Jpeg(Effect, on=Quantity.DIGITAL):
         # the luma. So the strips are tinted to the chroma that the codec takes for none.
         neutral = torch.tensor([0.5, NEUTRAL, NEUTRAL], device=value.device)
         tint = (ycbcr_to_rgb(neutral.view(3, 1, 1)) - 0.5) * (not coloured)
-        several = max(
-            1, SETTINGS.jpeg_pixels // (min(height, SETTINGS.jpeg_rows) * width)
-        )
-        for first in range(0, len(value), several):
-            for top in range(0, height, SETTINGS.jpeg_rows):
-                frames, rows = (
-                    slice(first, first + several),
-                    slice(top, top + SETTINGS.jpeg_rows),
-                )
-                strip = value[frames, :, rows].float() / 255.0 + tint
-                light = jpeg_codec_differentiable(strip, quality)
+        pixels = min(height, SETTINGS.jpeg_rows) * width
+        several = max(1, SETTINGS.jpeg_pixels // pixels)
+        for frames, results in zip(
+            torch.split(value, several), torch.split(coded, several), strict=True
+        ):
+            for strip, result in zip(
+                torch.split(frames, SETTINGS.jpeg_rows, dim=2),
+                torch.split(results, SETTINGS.jpeg_rows, dim=2),
+                strict=True,
+            ):
+                light = jpeg_codec_differentiable(strip.float() / 255 + tint, quality)
                 if not coloured:
                     # The codec clips its colours: red, brighter, is whole down to black, and green up to white.
                     red, green = light[:, :1] - tint[0], light[:, 1:2] - tint[1]
                     light = torch.where(green > 0.5, green, red)
-                levels = torch.round(light * 255.0).clamp(0, 255)
-                coded[frames, :, rows] = levels.to(torch.uint8)
+                result.copy_(torch.round(light * 255.0).clamp(0, 255))
         return coded
 
 

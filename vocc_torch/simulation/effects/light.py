@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.random import Generator
 from torch import Tensor
 
-from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.hardware import Camera
 from vocc_torch.simulation import photometry, raster
@@ -85,15 +83,13 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
             (B,K,R,C) bool, K odd, in the order in which they show; the truth is number ``K // 2``.
         """
         edges_s, _, generators = self._timing(context)
-        drawn = np.empty(
-            (len(value), edges_s.shape[1] // 2 - 1, 2, *value.shape[1:]), dtype=np.uint8
-        )
-        for symbols, generator in zip(drawn, generators, strict=True):
-            symbols[:] = generator.integers(2, size=symbols.shape, dtype=np.uint8)
-        data = torch.from_numpy(drawn).to(value.device).bool()
-        return torch.cat(
-            [data[:, :, 0].flip(1), value.unsqueeze(1), data[:, :, 1]], dim=1
-        )
+        size = edges_s.shape[1] // 2 - 1, 2, *value.shape[1:]
+        drawn = [
+            generator.integers(2, size=size, dtype=np.uint8) for generator in generators
+        ]
+        data = torch.from_numpy(np.stack(drawn)).to(value.device).bool()
+        before, after = data.unbind(2)
+        return torch.cat([before.flip(1), value.unsqueeze(1), after], dim=1)
 
     def row_shares(self, context: Context, height: int) -> Tensor:
         """The share of each pixel row's exposure during which each symbol shows.
@@ -106,10 +102,7 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
             (B,K,height) float64, 0 to 1; they add to 1 in each row. The symbols are those of a call.
         """
         edges_s, centre_row, _ = self._timing(context)
-        rows = (
-            torch.arange(height, device=edges_s.device)
-            + context.first_px[:, 1:].double()
-        )
+        rows = torch.arange(height, device=edges_s.device) + context.first_px[:, 1:]
         begins = self._begins_s(rows - centre_row.unsqueeze(-1), context)
         # The share of the exposure that is over when a symbol begins: telescopes to 1 over all symbols.
         over = (
@@ -119,11 +112,8 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
 
     def _begins_s(self, rows: Tensor, context: Context) -> Tensor:
         """When a row so many below the panel's centre is first exposed; 0 is mid exposure of the centre."""
-        camera = context.camera
-        return (
-            rows * (self.readout_s / max(camera.height_px - 1, 1))
-            - camera.exposure_time_s / 2
-        )
+        row_s = self.readout_s / max(context.camera.height_px - 1, 1)
+        return rows * row_s - context.camera.exposure_time_s / 2
 
     def _timing(self, context: Context) -> tuple[Tensor, Tensor, Sequence[Any]]:
         """Draw each frame's phase, and find the symbols that show during the readout of its panel.
@@ -132,54 +122,45 @@ class RollingShutter(Effect, on=Quantity.SYMBOLS):
             (B,K+1) where one symbol follows the other, s from the middle of the centre row's exposure; (B,)
             the sensor's row that the panel's centre lies in; what tells each frame's neighbours.
         """
-        scene = context.scene
-        camera = context.camera
-        leds = view.led_centres_m(context.panel)
+        scene, camera = context.scene, context.camera
         if self.symbol_s < camera.exposure_time_s:
-            raise self.refusal(
-                "symbol_s",
-                f"at least camera.exposure_time_s, {camera.exposure_time_s:g}",
-            )
-        points = torch.cat([torch.zeros_like(leds[:1]), leds]).to(
-            scene.distance_m.device
-        )
+            rule = f"at least camera.exposure_time_s, {camera.exposure_time_s:g}"
+            raise self.refusal("symbol_s", rule)
+        leds = view.led_centres_m(context.panel)
+        points = torch.cat([torch.zeros_like(leds[:1]), leds])
         y = view.view_of(context).points_px(points)[..., 1]
         cell = context.panel.pitch_m * camera.pixels_per_metre(scene.distance_m)
         # The panel with a cell around it.
         rows = torch.stack([y.amin(dim=1) - cell, y[:, 0], y.amax(dim=1) + cell])
         top, centre, bottom = torch.floor(rows).clamp(0, camera.height_px - 1)
         shown_s, shown_number = self._shown_s(context)
-        truth_s = -torch.tensor(shown_s, dtype=torch.float64, device=top.device)
+        truth_s = -torch.tensor(shown_s, dtype=top.dtype, device=top.device)
         begins = self._begins_s(top - centre, context)
         ends = self._begins_s(bottom - centre, context)
         first = torch.floor((begins - truth_s) / self.symbol_s)
         last = torch.ceil((ends + camera.exposure_time_s - truth_s) / self.symbol_s) - 1
         around = int(torch.maximum(-first, last).max())
-        if 2 * around + 1 > MOST_SYMBOLS:
+        symbols = 2 * around + 1
+        if symbols > MOST_SYMBOLS:
             raise VoccError(
                 f"scene.effects.{self.name}.symbol_s is {self.symbol_s:g}: "
-                f"the panel shows {2 * around + 1} symbols during its readout, at most {MOST_SYMBOLS}"
+                f"the panel shows {symbols} symbols during its readout, at most {MOST_SYMBOLS}"
                 " are allowed"
             )
-        steps = torch.arange(
-            -around, around + 2, dtype=torch.float64, device=top.device
-        )
+        steps = torch.arange(-around, around + 2, dtype=top.dtype, device=top.device)
         edges = truth_s.unsqueeze(-1) + steps * self.symbol_s
         # A frame's own symbols end its timeline, not the batch's: so the batch cannot change a frame.
         edges = edges.masked_fill(steps <= first.unsqueeze(-1), -torch.inf)
-        return (
-            edges.masked_fill(steps > last.unsqueeze(-1), torch.inf),
-            centre,
-            shown_number,
-        )
+        edges = edges.masked_fill(steps > last.unsqueeze(-1), torch.inf)
+        return edges, centre, shown_number
 
     def _shown_s(self, context: Context) -> tuple[Sequence[float], Sequence[Any]]:
         """Draw for how long each frame's truth has shown, s, and give the streams of its neighbours."""
         generators = context.generators(self.name)
         shown_s = [generator.random() * self.symbol_s for generator in generators]
-        return shown_s, context.generators(
-            self.name + context.leds
-        ) if context.leds else generators
+        if context.leds:
+            generators = context.generators(self.name + context.leds)
+        return shown_s, generators
 
 
 class Playback(RollingShutter):
@@ -225,10 +206,11 @@ class Playback(RollingShutter):
         """Say for how long each frame's truth has shown, s, and its number."""
         takes = [key.take for key in context.keys_for(self.name)]
         numbers = [self.symbol_at(take) for take in takes]
-        pairs = zip(takes, numbers, strict=True)
-        return [
-            self.middles_s[take] - number * self.symbol_s for take, number in pairs
-        ], numbers
+        shown_s = [
+            self.middles_s[take] - number * self.symbol_s
+            for take, number in zip(takes, numbers, strict=True)
+        ]
+        return shown_s, numbers
 
 
 class StuckLeds(Effect, on=Quantity.LED_LUMINANCE):
@@ -319,12 +301,12 @@ class LedScatter(Effect, on=Quantity.LED_LUMINANCE):
         sigma = math.sqrt(math.log1p(self.coefficient_of_variation**2))
         shape = tuple(value.shape[1:])
 
-        def factors(generator: Generator) -> Floats:
-            return np.exp(sigma * generator.standard_normal(shape) - sigma**2 / 2)
-
-        return value * context.draws(
-            self.name + context.leds, factors, of_scene=True
-        ).to(value)
+        factors = context.draws(
+            self.name + context.leds,
+            lambda g: np.exp(sigma * g.standard_normal(shape) - sigma**2 / 2),
+            of_scene=True,
+        )
+        return value * factors.to(value)
 
 
 class Attenuation(Effect, on=Quantity.LED_LUMINANCE):
@@ -349,9 +331,8 @@ class Attenuation(Effect, on=Quantity.LED_LUMINANCE):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Dim (B,R,C) LED luminance by the transmission at each frame's distance."""
-        return value * photometry.transmission(
-            context.scene.distance_m, self.visibility_m
-        ).view(-1, 1, 1)
+        distance_m = context.scene.distance_m.view(-1, 1, 1)
+        return value * photometry.transmission(distance_m, self.visibility_m)
 
 
 def dimmed_once(light_cd_m2: Tensor, context: Context) -> Tensor:
@@ -411,17 +392,14 @@ class Airlight(Effect, on=Quantity.UNLIT):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Lay each frame's path of air before its (B,1,H,W) luminance without the LEDs' own light."""
-        scene = context.scene
-        depth = scene.distance_m * (
-            math.log(CONTRAST_AT_VISIBILITY) / self.visibility_m
+        ambient_lx, distance_m = (
+            part.view(-1, 1, 1, 1)
+            for part in (context.scene.ambient_lx, context.scene.distance_m)
         )
-        horizon = photometry.reflected_luminance_cd_m2(
-            scene.ambient_lx, self.horizon_factor
-        )
-        transmitted, added = torch.exp(depth), horizon * -torch.expm1(depth)
-        return value * transmitted.to(value.dtype).view(-1, 1, 1, 1) + added.to(
-            value.dtype
-        ).view(-1, 1, 1, 1)
+        depth = distance_m * (math.log(CONTRAST_AT_VISIBILITY) / self.visibility_m)
+        horizon = photometry.reflected_luminance_cd_m2(ambient_lx, self.horizon_factor)
+        added = horizon * -torch.expm1(depth)
+        return value * torch.exp(depth).to(value.dtype) + added.to(value.dtype)
 
 
 class Occlusion(Effect, on=Quantity.LUMINANCE):
@@ -460,18 +438,12 @@ class Occlusion(Effect, on=Quantity.LUMINANCE):
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
         """Hide a part of each frame's (B,1,H,W) luminance."""
-        corners_m = view.panel_corners_m(context.panel).to(
-            context.scene.distance_m.device
-        )
+        corners_m = view.panel_corners_m(context.panel)
         corners = view.view_of(context).points_px(corners_m)
         low, high = corners.amin(dim=1), corners.amax(dim=1)
         drawn = context.draws(self.name, lambda g: g.random(2), of_scene=True)
-        centre = low + drawn * (high - low)
-        shares = torch.tensor(
-            [self.width_share, self.height_share], dtype=torch.float64
-        ).to(low)
-        reach = (high - low) * shares / 2
-        centre = centre - context.first_px
+        reach = (high - low) * low.new_tensor([self.width_share, self.height_share]) / 2
+        centre = low + drawn * (high - low) - context.first_px
         begin, end = centre - reach, centre + reach
         across, down = (
             raster.interval_cover(begin[:, axis], end[:, axis], value.shape[3 - axis])
@@ -479,9 +451,9 @@ class Occlusion(Effect, on=Quantity.LUMINANCE):
         )
         cover = (down.unsqueeze(-1) * across.unsqueeze(-2)).unsqueeze(1).to(value.dtype)
         surface = photometry.reflected_luminance_cd_m2(
-            context.scene.ambient_lx, self.reflectance
+            context.scene.ambient_lx.view(-1, 1, 1, 1), self.reflectance
         )
-        return value * (1 - cover) + cover * surface.to(value.dtype).view(-1, 1, 1, 1)
+        return value * (1 - cover) + cover * surface.to(value.dtype)
 
 
 class VeilingGlare(Effect, on=Quantity.LUMINANCE):
@@ -527,10 +499,8 @@ class VeilingGlare(Effect, on=Quantity.LUMINANCE):
             if getattr(self, name) is None
         ]
         if self.luminance_cd_m2 is not None and len(missing) < 2:
-            raise self.refusal(
-                "luminance_cd_m2",
-                "left out where glare_illuminance_lx or angle_deg is given",
-            )
+            rule = "left out where glare_illuminance_lx or angle_deg is given"
+            raise self.refusal("luminance_cd_m2", rule)
         if self.luminance_cd_m2 is None and missing:
             first = missing[0] if len(missing) == 1 else "luminance_cd_m2"
             raise VoccError(

@@ -207,10 +207,12 @@ class ElectronNoise(Effect, on=Quantity.ELECTRONS):
         (height, width), keys = value.shape[-2:], context.keys_for(self.name)
         for key, (left, top) in zip(keys, context.first_px.tolist(), strict=True):
             draw, end = tiles(key, stream), top + height
-            across = range(left // TILE_PX, -(-(left + width) // TILE_PX))
             lines = [
-                [draw(row, column, end - row * TILE_PX) for column in across]
-                for row in range(top // TILE_PX, -(-end // TILE_PX))
+                [
+                    draw(row // TILE_PX, column // TILE_PX, end - row)
+                    for column in range(left - left % TILE_PX, left + width, TILE_PX)
+                ]
+                for row in range(top - top % TILE_PX, end, TILE_PX)
             ]
             plane: Numbers = np.block(lines)[top % TILE_PX :, left % TILE_PX :]
             planes.append(plane[:, :width])
@@ -251,9 +253,8 @@ class SensorPattern(ElectronNoise):
                 self, seed, f"{stream}/{row}/{column}"
             )[:rows]
 
-        return (
-            torch.from_numpy(self.tiled(value, context, tiles)).unsqueeze(1).to(value)
-        )
+        drawn = torch.from_numpy(self.tiled(value, context, tiles))
+        return drawn.unsqueeze(1).to(value)
 
 
 @functools.lru_cache(SETTINGS.most_tiles)
@@ -398,10 +399,8 @@ class ShotNoise(ElectronNoise):
                 f"scene.effects.{self.name} got a mean of electrons that is not a number"
             )
         normals = self.normals(value, context, np.float64)
-        parts = (
-            np.array_split(plane.ravel(), -(-plane.size // SETTINGS.part_values))
-            for plane in (means, normals)
-        )
+        several = -(-means.size // SETTINGS.part_values)
+        parts = (np.array_split(plane.ravel(), several) for plane in (means, normals))
         counts = np.concatenate([*map(poisson_quantile, *parts)])
         return torch.from_numpy(counts).view(value.shape).to(value)
 

@@ -3,13 +3,12 @@
 import functools
 import math
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 from numpy.random import SFC64, Generator
-from numpy.typing import ArrayLike
 from torch import Tensor
 
 from vocc_torch.arrays import Floats, Singles
@@ -322,10 +321,13 @@ def onto(camera_view: view.View, points: Floats) -> Floats:
 
 
 def through_pinhole(
-    camera: Camera, axes: ArrayLike, foot: ArrayLike, points: Floats
+    camera: Camera,
+    axes: Sequence[Sequence[float]],
+    foot: Sequence[float],
+    points: Floats,
 ) -> Floats:
     """Map points (M,2) of a plane, m, onto the sensor, px, by the plane's axes (2,3) and its foot (3,)."""
-    projected = points @ np.array(axes, dtype=np.float64) + foot
+    projected = points @ np.array(axes) + foot
     middle = np.array([camera.width_px, camera.height_px]) / 2
     scaled = camera.focal_length_px * projected[:, :2]
     onto: Floats = middle + scaled / np.maximum(projected[:, 2:], 0.5)

@@ -101,10 +101,8 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         """Turn the panels of (B,3,3) placements about their centres."""
         angles = self._angles_deg()
         if all(angle.kind == "constant" for angle in angles):
-            degrees = torch.tensor(
-                [angle.values for angle in angles], dtype=torch.float64
-            )
-            degrees = degrees.expand(3, len(value))
+            constants = [angle.values for angle in angles]
+            degrees = torch.tensor(constants, dtype=value.dtype).expand(3, len(value))
         else:
             # A stream an angle: how one is drawn does not change the others' draws.
             drawn = context.draws(
@@ -115,8 +113,7 @@ class Pose(Effect, on=Quantity.PLACEMENT):
                 of_scene=True,
             )
             degrees = drawn[..., 0].mT
-        unit = torch.eye(3).to(value).repeat(len(value), 1, 1)
-        turn = unit
+        turn = unit = torch.eye(3).to(value).repeat(len(value), 1, 1)
         angles_rad = torch.deg2rad(degrees.to(value))
         for (i, j), angle in zip(TURNED_AXES, angles_rad, strict=True):
             about = unit.clone()
@@ -149,7 +146,7 @@ class Pose(Effect, on=Quantity.PLACEMENT):
         down, depth = down * _farthest(1, 0, pitch), down * _farthest(0, 1, pitch)
         cosine, sine = _farthest(1, 0, yaw), _farthest(0, 1, yaw)
         across, depth = across * cosine + depth * sine, across * sine + depth * cosine
-        across, down, depth = min(across, radius), min(down, radius), min(depth, radius)
+        across, down, depth = (min(part, radius) for part in (across, down, depth))
         if nearest_m <= depth:
             reach = f"scene.effects.pose can bring the panel's edge {depth:.3g} m nearer to the camera"
             raise VoccError(
@@ -234,12 +231,14 @@ class LensDistortion(PointEffect):
         Raises:
             VoccError: a mapping that turns back before it reaches the sensor's corner.
         """
-        turns = [square for square in _roots(self._along) if square > 0]
-        limit = math.sqrt(min(turns)) if turns else math.inf
-        if turns and self._reach(limit) <= _corner(camera):
+        limit = math.sqrt(min(_roots(self._along), default=math.inf))
+        if limit == math.inf:
+            return limit
+        reach, corner = limit * self._around(limit**2), _corner(camera)
+        if reach <= corner:
             raise VoccError(
-                f"{self._given}: the image turns back {self._reach(limit):.3g} focal lengths from the middle, "
-                f"before the sensor's corner at {_corner(camera):.3g}"
+                f"{self._given}: the image turns back {reach:.3g} focal lengths from the middle, "
+                f"before the sensor's corner at {corner:.3g}"
             )
         return limit
 
@@ -249,18 +248,9 @@ class LensDistortion(PointEffect):
         Raises:
             VoccError: as :meth:`limit`.
         """
-        # Loaded here because few scenes have a lens.
-        from scipy.optimize import brentq
-
-        limit, corner = self.limit(camera), _corner(camera)
-        high = limit if limit < math.inf else 1.0
-        while self._reach(high) < corner:
-            high *= 2
-        return float(brentq(lambda radius: self._reach(radius) - corner, 0.0, high))
-
-    def _reach(self, radius: float) -> float:
-        """Radius after the distortion."""
-        return float(radius * self._around(radius**2))
+        self.limit(camera)
+        powers = [-_corner(camera), 1.0, 0.0, self.k1, 0.0, self.k2, 0.0, self.k3]
+        return min(_roots(Polynomial(powers)))
 
     @property
     def _given(self) -> str:
@@ -277,9 +267,8 @@ class LensDistortion(PointEffect):
         squares = np.linspace(0.0, self.corner_radius(camera) ** 2, SAMPLES)
         along, around = self._along(squares), self._around(squares)
         mean, half = (along + around) / 2, np.abs(along - around) / 2
-        height, width = (
-            float((mean * side + half * math.hypot(*size_px)).max()) for side in size_px
-        )
+        across = half * math.hypot(*size_px)
+        height, width = (float((mean * side + across).max()) for side in size_px)
         return height, width
 
     def __call__(self, value: Tensor, context: Context) -> Tensor:
@@ -320,9 +309,10 @@ def _corner(camera: Camera) -> float:
 
 
 def _roots(polynomial: Polynomial) -> list[float]:
-    """Real roots; the leading coefficients may be 0."""
-    roots = (complex(root) for root in polynomial.trim().roots())
-    return [root.real for root in roots if abs(root.imag) <= 1e-9 * abs(root)]
+    """Real roots above 0; the leading coefficients may be 0."""
+    roots = polynomial.trim().roots()
+    real = roots.real[np.abs(roots.imag) <= 1e-9 * np.abs(roots)]
+    return [float(root) for root in real if root > 0]
 
 
 def in_perspective(effects: Sequence[Effect]) -> bool:
@@ -354,7 +344,7 @@ def panel_corners_m(panel: LedPanel) -> Tensor:
         >>> panel_corners_m(LedPanel())[1].tolist()
         [0.24, -0.24]
     """
-    cells = torch.tensor([panel.shape.columns, panel.shape.rows], dtype=torch.float64)
+    cells = torch.tensor(panel.shape.sides[::-1])
     return torch.from_numpy(CLOCKWISE) * cells * (panel.pitch_m / 2)
 
 
@@ -368,13 +358,10 @@ def placement_m(scene: Scene) -> Tensor:
         >>> placement_m(Scene.of(distance_m=50.0, offset_x_m=1.0))[0].tolist()
         [[1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 50.0]]
     """
-    centre = torch.stack(
-        [scene.offset_x_m, scene.offset_y_m, scene.distance_m], dim=-1
-    ).double()
-    axes = torch.eye(3, 2, dtype=torch.float64, device=centre.device).expand(
-        len(scene), 3, 2
-    )
-    return torch.cat([axes, centre.unsqueeze(-1)], dim=-1)
+    centre = torch.stack([scene.offset_x_m, scene.offset_y_m, scene.distance_m], dim=-1)
+    axes = torch.eye(3, 2, dtype=torch.float64, device=centre.device)
+    axes = axes.expand(len(scene), 3, 2)
+    return torch.cat([axes, centre.double().unsqueeze(-1)], dim=-1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -459,9 +446,8 @@ class View:
         across = focal * (self.placement[:, None, :2, :2] - leaning)
         strength = radius_m**2 / (depth.square() - radius_m**2 * slant.unsqueeze(-1))
         shift = -strength * (across * rise.unsqueeze(1)).sum(dim=-1)
-        spread = strength.unsqueeze(-1) * (across @ across.mT) + shift.unsqueeze(
-            -1
-        ) * shift.unsqueeze(-2)
+        spread = strength.unsqueeze(-1) * (across @ across.mT)
+        spread = spread + shift.unsqueeze(-1) * shift.unsqueeze(-2)
         centre = self._pinhole_px(points) + shift
         for effect in self.effects:
             with effect.blamed():
@@ -481,23 +467,16 @@ class View:
             (B,N) bool.
         """
         points = self._in_camera_m(points_m)
-        limits = [
-            e.limit(self.context.camera)
-            for e in self.effects
-            if isinstance(e, LensDistortion)
-        ]
+        lenses = (e for e in self.effects if isinstance(e, LensDistortion))
+        limit = min((e.limit(self.context.camera) for e in lenses), default=math.inf)
         depth, off_axis = points[..., 2], points[..., :2].square().sum(dim=-1).sqrt()
         # A disc that touches the plane of the camera has no ellipse for its image.
-        return torch.logical_and(
-            depth > radius_m, off_axis < depth * min(limits, default=math.inf)
-        )
+        return (depth > radius_m) & (off_axis < depth * limit)
 
     def _in_camera_m(self, points_m: Tensor) -> Tensor:
         """Points of the panel's plane in the camera's coordinates, (B,N,3) m."""
         points = points_m.to(self.placement, non_blocking=True)
-        return points @ self.placement[..., :2].mT + self.placement[..., 2].unsqueeze(
-            -2
-        )
+        return points @ self.placement[..., :2].mT + self.placement[:, None, :, 2]
 
     def _pinhole_px(self, points: Tensor) -> Tensor:
         """Project points in the camera's coordinates, (B,N,3) m to (B,N,2) px."""
@@ -546,11 +525,8 @@ def view_of(context: Context) -> View:
             f"scene.effects.pose turns the panel's back to the camera in frame {frame} of the batch: "
             "yaw_deg, pitch_deg and the scene's offset must leave its face in view"
         )
-    return View(
-        placement,
-        context,
-        tuple(e for e in context.effects if isinstance(e, PointEffect)),
-    )
+    movers = tuple(e for e in context.effects if isinstance(e, PointEffect))
+    return View(placement, context, movers)
 
 
 EFFECTS = (Pose, LensDistortion)
