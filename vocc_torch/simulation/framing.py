@@ -306,16 +306,16 @@ class Batch(Batched):
 
     def taken(self, frames: slice | Tensor, size: Size) -> Self:
         """Take some frames, by a slice or by their numbers; a smaller size keeps the middle."""
-        context, (top, left) = self.context.taken(frames), inset(self.size, size)
-        moved = context.first_px + context.first_px.new_tensor([left, top])
-        return replace(
-            self[frames], context=replace(context, origin_px=moved), size=size
-        )
+        context = self.context.taken(frames)
+        moved = context.first_px + inset_px(self.size, size)
+        placed = replace(context, origin_px=moved)
+        return replace(self[frames], context=placed, size=size)
 
 
-def inset(large: Size, small: Size) -> Size:
-    """Rows above and columns left of a picture that lies in the middle of a larger one."""
-    return large[0] // 2 - small[0] // 2, large[1] // 2 - small[1] // 2
+def inset_px(large: Size, small: Size) -> Tensor:
+    """Columns left of and rows above a picture that lies in the middle of a larger one, (2,) int64."""
+    inner, outer = (torch.tensor(sides[::-1]) // 2 for sides in (small, large))
+    return outer - inner
 
 
 def drawn_by_distance(
@@ -357,10 +357,9 @@ def drawn_by_distance(
         pictures = draw(batch.taken(frames, size))
         if size != batch.size:
             # The panel lies in the middle, so that every corner is beyond its light.
-            larger = pictures[:, :, :1, :1].repeat(1, 1, *batch.size)
-            top, left = inset(batch.size, size)
-            larger[:, :, top : top + size[0], left : left + size[1]] = pictures
-            pictures = larger
+            origin = inset_px(batch.size, size).expand(len(pictures), 2)
+            corner = pictures[:, 0, 0, 0]
+            pictures = lay_on_sensor(pictures, corner, origin, batch.size)
         drawn.append(pictures)
     together = torch.cat(drawn)
     return together[order.argsort().to(together.device, non_blocking=True)]

@@ -48,9 +48,8 @@ def paint(
     """
     panel, leds = context.panel, context.panel.shape.leds
     ambient = context.scene.ambient_lx.view(-1, 1, 1)
-    behind, before = (
-        taking(context.effects, q) for q in (Quantity.BACKGROUND, Quantity.UNLIT)
-    )
+    behind = taking(context.effects, Quantity.BACKGROUND)
+    before = taking(context.effects, Quantity.UNLIT)
     background, surface, board = (
         photometry.reflected_luminance_cd_m2(ambient, share)
         for share in (
@@ -60,8 +59,7 @@ def paint(
         )
     )
     visible, look = housing.present(context).view(-1, 1, 1), housing.look(context)
-    canvas = background.expand(-1, *size).contiguous()
-    canvas = _changed(canvas, behind, context)
+    canvas = _changed(background.expand(-1, *size).contiguous(), behind, context)
     has_board = panel.board_reflectance is not None and not of_kind(
         context.effects, housing.Housing
     )
@@ -87,7 +85,7 @@ def paint(
     for led, cover, left, top in stamps:
         frame = led // leds
         if shares is None:
-            light = lights[:, 0].reshape(-1)[led].view(-1, 1, 1)
+            light = lights.reshape(-1)[led].view(-1, 1, 1)
         else:
             # Each row of a patch has its own share of each symbol's light.
             rows = top.unsqueeze(-1) + torch.arange(
@@ -120,15 +118,10 @@ def board_cover(context: Context, size: framing.Size) -> Tensor:
         across = raster.interval_cover(left, right, size[1]).unsqueeze(-2)
         return raster.interval_cover(top, bottom, size[0]).unsqueeze(-1) * across
     # The sides in short pieces, which a lens may bend.
-    steps = torch.arange(0, 1, 1 / 8, dtype=corners.dtype, device=corners.device).view(
-        1, -1, 1
-    )
-    outline = corners.unsqueeze(1) + steps * (corners.roll(-1, 0) - corners).unsqueeze(
-        1
-    )
-    return raster.polygon_cover(
-        camera_view.points_px(outline.view(-1, 2)) - origin, *size
-    )
+    steps = torch.arange(0, 1, 1 / 8, dtype=corners.dtype, device=corners.device)
+    sides = (corners.roll(-1, 0) - corners).unsqueeze(1)
+    outline = (corners.unsqueeze(1) + steps.view(1, -1, 1) * sides).view(-1, 2)
+    return raster.polygon_cover(camera_view.points_px(outline) - origin, *size)
 
 
 def led_stamps(
@@ -175,14 +168,12 @@ def led_stamps(
         at = at.to(scene.distance_m)
         yield from background.cell_patches(at, half_m, size, context, square)
     if upright:
-        discs = columns, rows, radius
         groups = patch_groups(sides, single, leds)
-        near = groups.pop(0, [])
+        single = groups.pop(0, [])
         for like in groups.values():
-            yield from _upright_stamps(discs, like, sides, size)
-        if not near:
+            yield from _upright_stamps(columns, rows, radius, like, sides, size)
+        if not single:
             return
-        single = near
         centre = torch.stack(_each(columns, rows), dim=-1).view(len(scene), -1, 2)
         spread = torch.diag_embed(radius.square().view(-1, 1, 1).expand_as(centre))
     drawn = torch.zeros(len(sides), dtype=torch.bool, device=origin.device)
@@ -217,13 +208,14 @@ def patch_groups(
 
 
 def _upright_stamps(
-    discs: tuple[Tensor, Tensor, Tensor],
+    columns: Tensor,
+    rows: Tensor,
+    radius: Tensor,
     frames: Sequence[int],
     sides: Sequence[float],
     size: framing.Size,
 ) -> raster.Patches:
     """Cover the LEDs of frames with columns (B,C), rows (B,R) and radii (B,) px, some frames at a time."""
-    columns, rows, radius = discs
     leds = columns.shape[1] * rows.shape[1]
     values = raster.GROUP_VALUES if columns.is_cpu else raster.GROUP_VALUES_ELSEWHERE
     side = int(max(sides[frame] for frame in frames)) + 1
@@ -241,6 +233,5 @@ def _upright_stamps(
 def _each(of_columns: Tensor, of_rows: Tensor) -> tuple[Tensor, Tensor]:
     """Repeat what columns (B,C) and rows (B,R) of LEDs have for each LED, (B*R*C,)."""
     shape = len(of_rows), of_rows.shape[1], of_columns.shape[1]
-    return of_columns.unsqueeze(1).expand(shape).reshape(-1), of_rows.unsqueeze(
-        2
-    ).expand(shape).reshape(-1)
+    across = of_columns.unsqueeze(1).expand(shape)
+    return across.reshape(-1), of_rows.unsqueeze(2).expand(shape).reshape(-1)

@@ -83,14 +83,12 @@ def disc_grid_cover(
     edges = torch.arange(
         max(width, height) + 1, dtype=radius.dtype, device=radius.device
     )
-    first, middle = torch.cat([left, top], dim=1), torch.cat([columns_x, rows_y], dim=1)
-    u = (
-        (first.unsqueeze(-1) + edges - middle.unsqueeze(-1)) / radius.view(-1, 1, 1)
-    ).clamp_(-1, 1)
+    first = torch.cat([left, top], dim=1).unsqueeze(-1)
+    middle = torch.cat([columns_x, rows_y], dim=1).unsqueeze(-1)
+    u = ((first + edges - middle) / radius.view(-1, 1, 1)).clamp_(-1, 1)
     half, past = _half_segment(u).add_(math.pi / 8), (u >= 0).to(u.dtype)
-    terms = torch.stack(
-        [u, half, u * u, past, 2 * half + (math.pi / 4 - math.pi / 2 * past)]
-    )
+    before = 2 * half + (math.pi / 4 - math.pi / 2 * past)
+    terms = torch.stack([u, half, u * u, past, before])
     v, half_v, v_squared, past_v, before_v = (
         terms[:, :, columns:, : height + 1].flatten(2).unsqueeze(-1)
     )
@@ -134,18 +132,16 @@ def by_size(
         [([0], 4), ([1], 31)]
     """
     canvas = low_px.new_tensor(canvas_px[::-1])
-    which = (
-        (((high_px > 0) & (low_px < canvas)).all(dim=-1) & chosen).nonzero().squeeze(1)
-    )
+    touching = ((high_px > 0) & (low_px < canvas)).all(dim=-1)
+    which = (touching & chosen).nonzero().squeeze(1)
     extent = torch.minimum(high_px[which], canvas) - low_px[which].clamp(min=0)
     sides = torch.minimum(torch.ceil(extent.amax(dim=-1)) + 1, canvas.max()).long()
     sizes = torch.ceil(torch.log2(sides.clamp(min=8).double()))
     for size in torch.unique(sizes).tolist():
         group = (sizes == size).nonzero().squeeze(1)
         side = int(sides[group].max())
-        for rows in group.split(
-            max(1, GROUP_VALUES // (min(side, canvas_px[0]) * min(side, canvas_px[1])))
-        ):
+        pixels = math.prod(min(side, full) for full in canvas_px)
+        for rows in torch.split(group, max(1, GROUP_VALUES // pixels)):
             yield which[rows], side
 
 
@@ -255,8 +251,7 @@ def interval_cover(low: Tensor, high: Tensor, size: int) -> Tensor:
         [[0.5, 1.0, 0.25, 0.0]]
     """
     edges = torch.arange(size + 1, dtype=low.dtype, device=low.device)
-    cut = torch.minimum(torch.maximum(edges, low.unsqueeze(-1)), high.unsqueeze(-1))
-    return cut[:, 1:] - cut[:, :-1]
+    return edges.clamp(low.unsqueeze(-1), high.unsqueeze(-1)).diff(dim=1)
 
 
 def polygon_cover(corners_px: Tensor, height: int, width: int) -> Tensor:
@@ -284,38 +279,30 @@ def polygon_cover(corners_px: Tensor, height: int, width: int) -> Tensor:
     stop = start.roll(-1, dims=1)
     cover = start.new_zeros(len(start), height, width)
     top, bottom = _range(start[..., 1], height)
-    lines = torch.arange(top, bottom + 1, dtype=start.dtype, device=start.device).view(
-        -1, 1
+    across, down = (
+        torch.arange(size + 1, dtype=start.dtype, device=start.device)
+        for size in (width, height)
     )
-    for edge in range(start.shape[1]):
-        (x0, y0), (x1, y1) = (
-            end[:, edge].unsqueeze(-1).unbind(dim=1) for end in (start, stop)
-        )
+    lines = down[top : bottom + 1].view(-1, 1)
+    for ends in zip(start.unbind(1), stop.unbind(1), strict=True):
+        (x0, y0), (x1, y1) = (end.unsqueeze(-1).unbind(dim=1) for end in ends)
         left, right = _range(torch.stack([x0, x1]), width)
-        edges = torch.arange(left, right + 1, dtype=x0.dtype, device=x0.device)
-        x = torch.minimum(
-            torch.maximum(edges, torch.minimum(x0, x1)), torch.maximum(x0, x1)
-        )
-        run = torch.where(x1 == x0, torch.ones_like(x0), x1 - x0)
+        x = across[left : right + 1].clamp(torch.minimum(x0, x1), torch.maximum(x0, x1))
+        run = torch.where(x1 == x0, 1.0, x1 - x0)
         y = y0 + (x - x0) / run * (y1 - y0)
         low = torch.minimum(y[:, :-1], y[:, 1:]).unsqueeze(1)
         span = y.diff(dim=1).abs().unsqueeze(1)
         # Mean over the column of min(y, line) - low, for y that runs evenly from low to low + span.
         above = lines - low
         within = torch.minimum(above.clamp(min=0), span)
-        mean = (
-            above.clamp_(max=0)
-            + within
-            - within.square() / (2 * span.clamp(min=1e-300))
-        )
+        slack = within.square() / (2 * span.clamp(min=1e-300))
+        mean = above.clamp_(max=0) + within - slack
         # The signed area of each pixel above the edge, positive for one that runs to the left.
         step = torch.where(x1 > x0, -1.0, 1.0) * x.diff(dim=1)
         cover[:, top:bottom, left:right] += mean.diff(dim=1) * step.unsqueeze(1)
     # Positive for corners that run clockwise, as the sum above is: y points down.
-    arm = start - start[:, :1]
-    twice_area = (arm[:, :-1, 0] * arm[:, 1:, 1] - arm[:, :-1, 1] * arm[:, 1:, 0]).sum(
-        dim=-1
-    )
+    x, y = (start - start[:, :1]).unbind(-1)
+    twice_area = (x[:, :-1] * y[:, 1:] - y[:, :-1] * x[:, 1:]).sum(dim=-1)
     rows = torch.arange(height, device=start.device)
     # Rounding leaves 1e-16 beyond a polygon's rows, and how far that is computed depends on the batch.
     low, high = start[..., 1].aminmax(dim=1, keepdim=True)
@@ -326,9 +313,8 @@ def polygon_cover(corners_px: Tensor, height: int, width: int) -> Tensor:
 
 def _range(along: Tensor, size: int) -> tuple[int, int]:
     """First and last-plus-one pixel that values along an axis touch, within 0 to ``size``."""
-    low, high = (float(value) for value in along.detach().aminmax())
-    first = math.floor(min(max(low, 0), size))
-    return first, max(first, math.ceil(min(max(high, 0), size)))
+    low, high = along.detach().clamp(0, size).aminmax()
+    return math.floor(low), math.ceil(high)
 
 
 def add_patches(
@@ -350,8 +336,8 @@ def add_patches(
         [[[0.0, 1.0, 1.0], [0.0, 1.0, 1.0]]]
     """
     height, width = canvas.shape[-2:]
-    across, down = (
-        torch.arange(patches.shape[axis], device=canvas.device) for axis in (-1, -2)
+    down, across = (
+        torch.arange(side, device=canvas.device) for side in patches.shape[1:]
     )
     first = (frame * height + top) * width + left
     index = first.view(-1, 1, 1) + (down.unsqueeze(-1) * width + across)

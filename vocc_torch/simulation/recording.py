@@ -55,11 +55,8 @@ class Shutter:
             >>> Shutter(fps=200.0).taken_s(0.02, np.random.default_rng(0)).tolist()
             [0.0, 0.005, 0.01, 0.015]
         """
-        times = (
-            self.start_s
-            + np.arange(max(1, math.ceil((length_s - self.start_s) * self.fps)))
-            / self.fps
-        )
+        count = max(1, math.ceil((length_s - self.start_s) * self.fps))
+        times = self.start_s + np.arange(count) / self.fps
         fate = draws.random((3, len(times)))
         for i in np.flatnonzero(fate[1] < self.repeated).tolist():
             times[i] = times[max(0, i - 1)]
@@ -196,7 +193,7 @@ def record(
             if pixels is not None:
                 pixels[dark] = 0
         numbers_shown = [
-            None if black else number
-            for black, number in zip(dark.tolist(), symbols, strict=True)
+            None if math.isnan(time) else number
+            for time, number in zip(times, symbols, strict=True)
         ]
         yield Recorded(frames, camera.true_panels(scenes, keys), times, numbers_shown)

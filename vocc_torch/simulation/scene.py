@@ -49,19 +49,13 @@ class SceneModel:
 
     def draw(self, key: BlockKey, shape: PanelShape) -> tuple[Scene, Tensor]:
         """Draw a block: 64 scenes and their bits (64,R,C) bool, equally likely On and Off."""
-        draws = (
-            (getattr(self, f.name), key.generator(f"scene.{f.name}"))
+        values = (
+            getattr(self, f.name).draw(key.generator(f"scene.{f.name}"), BLOCK_FRAMES)
             for f in fields(self)
         )
-        values = (
-            torch.from_numpy(draw.draw(generator, BLOCK_FRAMES))
-            for draw, generator in draws
-        )
-        size = (BLOCK_FRAMES, *shape.sides)
-        bits = torch.from_numpy(
-            key.generator("bits").integers(2, size=size, dtype=np.uint8)
-        )
-        return Scene(*values), bits.bool()
+        size = BLOCK_FRAMES, *shape.sides
+        bits = key.generator("bits").integers(2, size=size, dtype=np.uint8)
+        return Scene(*map(torch.from_numpy, values)), torch.from_numpy(bits).bool()
 
 
 def narrowed(

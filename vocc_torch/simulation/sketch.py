@@ -189,6 +189,8 @@ class Drawing:
         ends: (N,) likewise.
         least: (N,2) px, each polygon's extent.
         most: (N,2) likewise.
+        first: (2,) the first pixel that it touches.
+        last: (2,) the last one.
         luminance: (N,) of each.
         scale: what it is drawn times.
         fine: how many times finer than the pixels it is drawn, each side.
@@ -200,6 +202,8 @@ class Drawing:
     ends: Integers
     least: Floats
     most: Floats
+    first: Integers
+    last: Integers
     luminance: Floats
     scale: float
     fine: int
@@ -224,7 +228,9 @@ class Drawing:
         flat = flat.clip(-1e6, 1e6)
         if not np.isfinite(flat).all():
             return None
-        pixels = np.prod(np.subtract(*_extent(flat)))
+        first = np.floor(flat.min(axis=0)).astype(int)
+        last = np.ceil(flat.max(axis=0)).astype(int)
+        pixels = np.prod(last - first)
         fine = 4 - int(np.searchsorted(SETTINGS.finest_px, pixels))
         sides = np.concatenate(
             [np.full(len(points), points.shape[1]) for points in polygons]
@@ -240,12 +246,8 @@ class Drawing:
         luminance = np.concatenate(luminances)
         # The darkest is above 255, so that in 8 bits what is covered is white; a power of two rounds nothing.
         scale = 2.0 ** math.ceil(math.log2(256 / float(luminance.min())))
-        return cls(corners, starts, ends, least, most, luminance, scale, fine, share)
-
-    @property
-    def extent(self) -> tuple[Integers, Integers]:
-        """The last and the first pixel that it touches, each (2,)."""
-        return _extent(np.concatenate([self.least, self.most]))
+        extents = least, most, first, last
+        return cls(corners, starts, ends, *extents, luminance, scale, fine, share)
 
     def patch(self, begin: Integers, end: Integers) -> Picture | None:
         """Draw what lies from one pixel to another: the share covered, and the light there; None for nothing."""
@@ -264,16 +266,8 @@ class Drawing:
             pen.polygon(at[first:last], fill=shade)
         lit = np.asarray(image.reduce(self.fine), dtype=np.float32)
         cover = COVERED[self.fine][np.asarray(image.convert("L").reduce(self.fine))]
-        shown: Singles = np.divide(lit, np.float32(self.scale), dtype=np.float32)
         share = np.float32(self.share)
-        return cover * share, shown * share
-
-
-def _extent(points: Floats) -> tuple[Integers, Integers]:
-    """The last and the first pixel that points (M,2) touch, each (2,)."""
-    return np.ceil(points.max(axis=0)).astype(int), np.floor(points.min(axis=0)).astype(
-        int
-    )
+        return cover * share, lit / np.float32(self.scale) * share
 
 
 def composed(things: Iterable[Drawing], window: Window) -> Picture:
@@ -300,22 +294,18 @@ def composed(things: Iterable[Drawing], window: Window) -> Picture:
     keep = np.ones((height, width), np.float32)
     added = np.zeros((height, width), np.float32)
     for thing in things:
-        last, first = thing.extent
-        touched = (
-            np.maximum(first, begin) // SETTINGS.tile_px,
-            -(-np.minimum(last, end) // SETTINGS.tile_px),
-        )
-        for tile in np.ndindex(*(touched[1] - touched[0]).clip(min=0)):
-            corner = (touched[0] + tile) * SETTINGS.tile_px
-            patch_px = np.maximum(corner, first)
-            patch = thing.patch(
-                patch_px, np.minimum(np.minimum(corner + SETTINGS.tile_px, end), last)
-            )
+        touched = np.maximum(thing.first, begin) // SETTINGS.tile_px
+        stop = np.minimum(thing.last, end)
+        tiles = -(-stop // SETTINGS.tile_px) - touched
+        for tile in np.ndindex(*tiles.clip(min=0)):
+            corner = (touched + tile) * SETTINGS.tile_px
+            patch_px = np.maximum(corner, thing.first)
+            patch = thing.patch(patch_px, np.minimum(corner + SETTINGS.tile_px, stop))
             if patch is None:
                 continue
             cover, light = patch
             x, y = patch_px - start
-            place = (slice(y, y + len(cover)), slice(x, x + cover.shape[1]))
+            place = slice(y, y + len(cover)), slice(x, x + cover.shape[1])
             keep[place] *= 1 - cover
             added[place] *= 1 - cover
             added[place] += light

@@ -205,19 +205,16 @@ def build_effects(named: Effects) -> tuple[Effect, ...]:
         >>> [effect.name for effect in build_effects({"saturation": {}, "blooming": {"sigma_px": 1.5}})]
         ['blooming', 'saturation']
     """
-    by_name: dict[str, Any] = {}
+    by_name: Mapping[str, Any]
     if isinstance(named, Mapping):
-        by_name = dict(named)
+        by_name = named
     elif isinstance(named, list | tuple) and all(
         isinstance(effect, Effect) for effect in named
     ):
-        by_name = {effect.name: effect for effect in named}
-        if len(by_name) < len(named):
-            raise VoccError.of(
-                "scene.effects",
-                [effect.name for effect in named],
-                "effects of different names",
-            )
+        names = [effect.name for effect in named]
+        by_name = dict(zip(names, named, strict=True))
+        if len(by_name) < len(names):
+            raise VoccError.of("scene.effects", names, "effects of different names")
     else:
         raise VoccError.of(
             "scene.effects", shown(named), "effects by name, or a list of effects"
@@ -228,19 +225,18 @@ def build_effects(named: Effects) -> tuple[Effect, ...]:
             raise VoccError(
                 f"scene.effects.{name} is not a known effect; {told_known(name, kinds)}"
             )
-    ordered = [(kinds[name], by_name[name]) for name in kinds if name in by_name]
-    effects = [
-        settings if isinstance(settings, Effect) else _built(kind, settings)
-        for kind, settings in ordered
-    ]
+    effects = tuple(
+        _built(kind, by_name[name]) for name, kind in kinds.items() if name in by_name
+    )
     check_chain(effects)
-    return tuple(effects)
+    return effects
 
 
 def _built(kind: type[Effect], settings: object) -> Effect:
-    """Construct an effect from what a configuration gives it."""
-    key = f"scene.effects.{kind.name}"
-    read: dict[str, Any] = {}
+    """Construct an effect from what a configuration gives it, or take one that is built."""
+    if isinstance(settings, Effect):
+        return settings
+    key, read = f"scene.effects.{kind.name}", dict[str, Any]()
     if settings is None:
         raise VoccError(
             f"{key} is null: give its parameters, {{}} for none, or remove it with ~{key}"
@@ -256,19 +252,14 @@ def _built(kind: type[Effect], settings: object) -> Effect:
             raise VoccError(f"{key}.{parameter} is not a known parameter; {known}")
         annotation = str(signature[parameter].annotation)
         if "Distribution" in annotation:
-            read[parameter] = Distribution.parse(
-                value, f"effects.{kind.name}.{parameter}"
-            )
-        elif isinstance(value, str) and "str" in annotation:
-            read[parameter] = value
-        elif (
+            value = Distribution.parse(value, f"effects.{kind.name}.{parameter}")
+        elif not (isinstance(value, str) and "str" in annotation) and (
             isinstance(value, bool)
             or not isinstance(value, int | float)
             or LARGEST < abs(value) < math.inf
         ):
             raise VoccError.of(f"{key}.{parameter}", repr(value), "a number")
-        else:
-            read[parameter] = value
+        read[parameter] = value
     for parameter, declared in signature.items():
         if declared.default is inspect.Parameter.empty and parameter not in settings:
             raise VoccError(f"{key}.{parameter} is missing: the effect needs it")

@@ -235,9 +235,7 @@ class Effect(ABC):
                 )
                 object.__setattr__(self, parameter.name, setting)
             key = f"scene.effects.{self.name}.{parameter.name}"
-            for value in (
-                setting.bounds if isinstance(setting, Distribution) else (setting,)
-            ):
+            for value in getattr(setting, "bounds", (setting,)):
                 demand_declared(key, value, rule)
 
     def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
@@ -289,18 +287,13 @@ class Effect(ABC):
             )
         if self.gives == self.takes:
             result = result.to(value)
-        low, high = (
-            (float(end) for end in result.detach().aminmax())
-            if result.numel()
-            else (0.0, 0.0)
-        )
+        if not result.numel():
+            return result
+        low, high = (float(end) for end in result.detach().aminmax())
         if not math.isfinite(high - low):
             raise VoccError(f"{said} a value that is not finite")
-        if (
-            self.gives
-            in (Quantity.PLACEMENT, Quantity.IMAGE_POINTS, Quantity.ELECTRONS)
-            or low >= 0
-        ):
+        signed = Quantity.PLACEMENT, Quantity.IMAGE_POINTS, Quantity.ELECTRONS
+        if self.gives in signed or low >= 0:
             return result
         if low < -1e-6 * high:
             raise VoccError(f"{said} {low:g}: {self.gives.value} must be at least 0")

@@ -48,14 +48,14 @@ def luminous_efficiency(wavelength_nm: Floats) -> Floats:
         >>> luminous_efficiency(np.array([510.0, 555.0, 610.0])).round(2).tolist()
         [0.5, 1.0, 0.5]
     """
-    lobes = (0.821, 568.8, 46.9, 40.5), (0.286, 530.9, 16.3, 31.1)
-    widths = (
-        np.where(wavelength_nm < peak, below, above) for _, peak, below, above in lobes
-    )
-    return sum(
-        height * np.exp(-0.5 * ((wavelength_nm - peak) / width) ** 2)
-        for (height, peak, _, _), width in zip(lobes, widths, strict=True)
-    ) + np.zeros_like(wavelength_nm)
+    total = np.zeros_like(wavelength_nm)
+    for height, peak, below, above in (
+        (0.821, 568.8, 46.9, 40.5),
+        (0.286, 530.9, 16.3, 31.1),
+    ):
+        width = np.where(wavelength_nm < peak, below, above)
+        total += height * np.exp(-0.5 * ((wavelength_nm - peak) / width) ** 2)
+    return total
 
 
 @functools.cache
@@ -154,8 +154,7 @@ class Colour(Effect, on=Quantity.LED_LUMINANCE):
 
     def sent(self, context: Context) -> Tensor:
         """Draw bits of the context's further LEDs, (B,R,C) bool; a preamble has them all On or all Off."""
-        shape, stream = context.panel.shape, f"{self.name}.bits{context.leds}"
-        size = shape.sides
+        size, stream = context.panel.shape.sides, f"{self.name}.bits{context.leds}"
         bits = context.draws(stream, lambda g: g.integers(2, size=size)).bool()
         for i, key in enumerate(context.keys):
             if key.take in ("on", "off"):
@@ -203,12 +202,8 @@ def luma_of(colour: Tensor) -> Tensor:
     """
     if colour.dtype != torch.uint8:
         return (colour * colour.new_tensor(LUMA).view(3, 1, 1)).sum(dim=1, keepdim=True)
-    weights = torch.tensor(LUMA_16, dtype=torch.int32, device=colour.device).view(
-        3, 1, 1
-    )
-    return ((colour.int() * weights).sum(dim=1, keepdim=True).add_(1 << 15) >> 16).to(
-        torch.uint8
-    )
+    weighed = colour.int() * colour.new_tensor(LUMA_16, dtype=torch.int32).view(3, 1, 1)
+    return (weighed.sum(dim=1, keepdim=True).add_(1 << 15) >> 16).to(torch.uint8)
 
 
 def tints(seed: int, parts: int, channel: int) -> Floats:

@@ -112,9 +112,8 @@ def convolve_strip(padded: Tensor, quarter: Tensor, reach: int) -> Tensor:
     # The middle is its own mirror image and so is counted twice.
     once = torch.ones(reach + 1, dtype=quarter.dtype, device=quarter.device)
     once[0] = 0.5
-    rows = ((quarter * once * once.unsqueeze(-1)) @ pairs.flatten(1)).view(-1, width)[
-        reach:
-    ]
+    rows = ((quarter * once * once.unsqueeze(-1)) @ pairs.flatten(1)).view(-1, width)
+    rows = rows[reach:]
     # Row i of the kernel starts at row i of its own plane, counted up or down from the border's end.
     above = rows.unfold(0, height, tall - 1)[: reach + 1].transpose(1, 2)
     below = rows.unfold(0, height, tall + 1).transpose(1, 2)
@@ -140,15 +139,11 @@ def convolve_taps(plane: Tensor, middle: float, taps: Sequence[Tap]) -> Tensor:
     height, width = plane.shape
     down = max((abs(row) for row, _, _ in taps), default=0)
     across = max((abs(column) for _, column, _ in taps), default=0)
-    padded = bordered(plane, across, down)
+    shifted = bordered(plane, across, down).unfold(0, height, 1).unfold(1, width, 1)
     total = plane * middle
     for row, column, weight in taps:
-        ahead = padded[
-            down + row : down + row + height, across + column : across + column + width
-        ]
-        behind = padded[
-            down - row : down - row + height, across - column : across - column + width
-        ]
+        ahead = shifted[down + row, across + column]
+        behind = shifted[down - row, across - column]
         total = total + (ahead + behind) * weight
     return total
 
@@ -173,17 +168,16 @@ def disc_radius_px(diameter_px: Tensor) -> Tensor:
     """
     area = diameter_px * diameter_px / 16
     low, high = torch.full_like(diameter_px, 0.5), diameter_px / 2 + 1
-    steps = torch.arange(
-        math.ceil(float(high.max())) + 1, dtype=torch.float64, device=diameter_px.device
-    )
+    count = math.ceil(high.max()) + 1
+    steps = torch.arange(count, dtype=torch.float64, device=diameter_px.device)
     for _ in range(36):
         middle = (low + high) / 2
         u = ((steps + 0.5) / middle.unsqueeze(-1)).clamp(max=1)
         beyond = 1 - (2 / math.pi) * (u * torch.sqrt((1 - u) * (1 + u)) + torch.asin(u))
         # A running sum adds a frame's terms in the same order whatever else is in the batch.
-        moment = ((2 * steps + 1) * beyond).cumsum(-1)[:, -1]
-        low = torch.where(moment < area, middle, low)
-        high = torch.where(moment < area, high, middle)
+        small = ((2 * steps + 1) * beyond).cumsum(-1)[:, -1] < area
+        low = torch.where(small, middle, low)
+        high = torch.where(small, high, middle)
     return low
 
 
@@ -203,11 +197,8 @@ def disc_quarters(radius_px: Tensor) -> list[Tensor]:
         ([1, 2], [[1.0]])
     """
     reaches = torch.ceil(radius_px - 0.5).long().tolist()
-    steps = (
-        torch.arange(max(reaches) + 2, dtype=torch.float64, device=radius_px.device)
-        - 0.5
-    )
-    edges = steps / radius_px.unsqueeze(-1)
+    steps = torch.arange(max(reaches) + 2, dtype=torch.float64, device=radius_px.device)
+    edges = (steps - 0.5) / radius_px.unsqueeze(-1)
     upright = edges.new_zeros(()), edges.new_ones(())
     area = raster.disc_wedge_area(edges, edges, *upright)
     shares = raster.per_pixel(area).clamp(min=0) / math.pi
@@ -292,9 +283,7 @@ def airy_quarter(lambda_n_px: float, reach_px: int) -> Tensor:
         (0.882, 0.016)
     """
     points = 8 + math.ceil(0.75 * math.pi / lambda_n_px)
-    nodes, weights = (
-        torch.from_numpy(values) for values in np.polynomial.legendre.leggauss(points)
-    )
+    nodes, weights = map(torch.from_numpy, np.polynomial.legendre.leggauss(points))
     middles = torch.arange(reach_px + 1, dtype=torch.float64)
     at = (middles.unsqueeze(-1) + nodes / 2).flatten() * (math.pi / lambda_n_px)
     v = torch.hypot(at.unsqueeze(-1), at).clamp(min=1e-9)

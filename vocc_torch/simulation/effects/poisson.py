@@ -53,16 +53,11 @@ def poisson_quantile(mean: Floats, normal: Floats) -> Floats:
         [0.0, 1.0, 100.0, 999000.0]
     """
     shape, mean, normal = mean.shape, mean.ravel(), normal.ravel()
-    few = mean < SETTINGS.few
-    count = np.count_nonzero(few)
-    if count in (0, few.size):  # no copies
-        return (_summed if count else _expanded)(mean, normal).reshape(shape)
-    if 2 * count < few.size:  # quicker for all than for a choice of them
-        counts = _expanded(np.maximum(mean, SETTINGS.few), normal)
-    else:
-        counts = np.empty_like(mean)
-        counts[~few] = _expanded(mean[~few], normal[~few])
-    counts[few] = _summed(mean[few], normal[few])
+    few, counts = mean < SETTINGS.few, np.empty_like(mean)
+    for quantiles, chosen in (_summed, few), (_expanded, ~few):
+        if chosen.all():  # no copies
+            return quantiles(mean, normal).reshape(shape)
+        counts[chosen] = quantiles(mean[chosen], normal[chosen])
     return counts.reshape(shape)
 
 
