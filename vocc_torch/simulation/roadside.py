@@ -72,31 +72,16 @@ def vehicle(sketch: Sketch, g: Generator, light: Light, least_m: float = 0.0) ->
     edges = itertools.pairwise(np.linspace(belt, FLOOR_M, strips + 1))
     for strip, gloss in zip(edges, g.uniform(0.7, 1.3, strips), strict=True):
         sketch.box(half, *strip, light.of(paint * gloss))
+    head, foot, window = half * 0.85, half * 0.88, (-high * 0.92, -high * 0.6)
     if not boxy:
-        _window(sketch, g, light, half, inset * 0.92, (-high * 0.95, belt * 1.04))
-    elif g.random() < 0.4:
-        _window(sketch, g, light, half, half * 0.85, (-high * 0.92, -high * 0.6))
+        head, window = inset * 0.92, (-high * 0.95, belt * 1.04)
+    if not boxy or g.random() < 0.4:
+        sketch.box(head, *window, light.of(0.03), foot)
+        sky, cut = light.matt(g, 0.1, 1.2), g.uniform(-0.6, 0.4, 2) * head
+        sketch.box((cut[0], head), *window, sky, (cut[1], foot))
     if boxy:
         _livery(sketch, g, light, half, high, paint)
     _vehicle_front(sketch, g, light, half, belt, rear)
-
-
-def _window(
-    sketch: Sketch,
-    g: Generator,
-    light: Light,
-    half: float,
-    top_half: float,
-    edges: tuple[float, float],
-) -> None:
-    """Draw a window of a vehicle, and the sky that it mirrors."""
-    foot = half * 0.88
-    sketch.box(top_half, *edges, light.of(0.03), foot)
-    sky, (head_cut, foot_cut) = (
-        light.matt(g, 0.1, 1.2),
-        g.uniform(-0.6, 0.4, 2) * top_half,
-    )
-    sketch.box((head_cut, top_half), *edges, sky, (foot_cut, foot))
 
 
 def _livery(
@@ -204,10 +189,9 @@ def sign(sketch: Sketch, g: Generator, light: Light) -> None:
     lines = g.integers(1, 5)
     step = high / lines
     for line in range(lines):
-        length = np.clip(g.uniform(0.4, 0.9) * wide / (step * 0.5), 1, 16)
-        top = -up - high + step * (line + 0.15)
-        words = words_of(g, int(length))
-        sketch.text(words, -wide * 0.45, top, step * 0.7, light.of(ink))
+        length = int(np.clip(g.uniform(0.4, 0.9) * wide / (step * 0.5), 1, 16))
+        place = -wide * 0.45, -up - high + step * (line + 0.15)
+        sketch.text(words_of(g, length), *place, step * 0.7, light.of(ink))
 
 
 def display(sketch: Sketch, g: Generator, light: Light) -> None:
@@ -238,9 +222,9 @@ def fence(sketch: Sketch, g: Generator, light: Light) -> None:
     if g.random() < 0.7:
         sketch.box(*place, light.matt(g, 0.03, 0.7))
     shade = g.uniform(0.03, 0.8)
-    noise = np.exp(g.normal(0, g.uniform(0, 0.25), rows * columns))
-    fill, round_bars = g.uniform(0.25, 0.9), g.random() < 0.2
-    sketch.grid(*place, rows, columns, fill, light.of(shade * noise), round=round_bars)
+    shades = shade * np.exp(g.normal(0, g.uniform(0, 0.25), rows * columns))
+    cells = rows, columns, g.uniform(0.25, 0.9)
+    sketch.grid(*place, *cells, light.of(shades), round=g.random() < 0.2)
 
 
 def lamp_post(sketch: Sketch, g: Generator, light: Light) -> None:

@@ -291,10 +291,9 @@ class Clutter(Sketched):
             reach *= focal / max(depth - reach * abs(math.sin(yaw)), 2.0)
             before = np.abs(middle - centre).max() < reach + extent
             if depth > panel_m or not before:
-                sine, cosine = math.sin(roll), math.cos(roll)
-                across = cosine * math.cos(yaw), sine, -cosine * math.sin(yaw)
-                axes = across, (-sine, cosine, 0)
-                place = functools.partial(plane, axes, (aside, down, depth))
+                place = functools.partial(
+                    plane, turned(yaw, roll), (aside, down, depth)
+                )
                 things.append((depth, thing, place, seed, middle, reach))
         if carried:
             least = panel.pitch_m * max(panel.shape.sides)
@@ -303,6 +302,13 @@ class Clutter(Sketched):
             behind = functools.partial(on_vehicle, camera_view, at)
             things.append((panel_m, host, behind, host_seed, centre, reach))
         return things
+
+
+def turned(yaw: float, roll: float) -> tuple[tuple[float, float, float], ...]:
+    """Give the axes of an upright plane that is turned, rad: to the right and down."""
+    sine, cosine = math.sin(roll), math.cos(roll)
+    across = cosine * math.cos(yaw), sine, -cosine * math.sin(yaw)
+    return across, (-sine, cosine, 0)
 
 
 def on_vehicle(camera_view: view.View, at: Floats, points: Floats) -> Floats:
