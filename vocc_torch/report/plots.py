@@ -301,8 +301,9 @@ def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
     }
     # Rounding may put an end a last digit on the wrong side.
     reach = np.maximum([value - low, high - value], 0)
+    caps_pt = 2.5 * reach.any()
     drawn = axes.errorbar(
-        x, value, reach, linestyle=style.line, elinewidth=1.3, capsize=2.5, **look
+        x, value, reach, linestyle=style.line, elinewidth=1.3, capsize=caps_pt, **look
     )
     drawn.lines[0].set(label=style.label, **EDGE)
     if free.any():

@@ -130,3 +130,5 @@ def test_the_figure_has_a_panel_a_locator_with_the_frontier(prices):
     line = next(line for line in first.lines if "quicker" in line.get_label())
     times = np.array(ALONE_MS)[[0, 1, 2, 4, 5]] / 2
     np.testing.assert_allclose(line.get_xdata(), times)
+    ends = [line for line in first.lines if line.get_marker() == "_"]
+    assert line.get_color() not in [end.get_color() for end in ends]
