@@ -76,7 +76,7 @@ def opened(source: str) -> Any:
         raise VoccError(f"input {source} cannot be opened ({reason})") from None
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class LiveStream:
     """Frames of a live source, read by a thread of their own; at most one waits for the receiver.
 

@@ -77,7 +77,7 @@ def unpacked(info: bytes) -> Packet | None:
         True
     """
     body, check = info[:-CHECK_BYTES], info[-CHECK_BYTES:]
-    if zlib.crc32(body) != int.from_bytes(check, "big"):
+    if zlib.crc32(body).to_bytes(CHECK_BYTES, "big") != check:
         return None
     sequence, length, crc = HEADER.unpack(body[: HEADER.size])
     payload = body[HEADER.size :]
