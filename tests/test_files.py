@@ -110,13 +110,11 @@ def test_the_same_command_alone_goes_on_over_what_a_killed_one_left(tmp_path):
         f"with unfinished(Path({str(tmp_path)!r}), 'task=train'):\n"
         f"    Path({str(result)!r}).write_text('half')"
     )
-    for words, goes_on in (("task=decode", False), ("task=train", True)):
-        with unfinished(tmp_path, words):
-            if goes_on:
-                refuse_results(tmp_path)
-            else:
-                with pytest.raises(VoccError, match=r"already holds receiver\.pt"):
-                    refuse_results(tmp_path)
+    refusal = pytest.raises(VoccError, match=r"already holds receiver\.pt")
+    with refusal, unfinished(tmp_path, "task=decode"):
+        refuse_results(tmp_path)
+    with unfinished(tmp_path, "task=train"):
+        refuse_results(tmp_path)
     assert names(tmp_path) == ["receiver.pt"]
     with unfinished(tmp_path, "task=train"), pytest.raises(VoccError):
         refuse_results(tmp_path)
@@ -233,3 +231,15 @@ def test_a_file_beyond_a_size_is_not_read(tmp_path):
         ordinary_file(tmp_path / "small"),
     ):
         raise ValueError("of the block")
+
+
+def test_the_mark_of_a_killed_command_goes_when_another_ends_well(tmp_path):
+    mark = tmp_path / UNFINISHED
+    mark.write_text("1\ntask=export workers=2")
+    (tmp_path / "frame.png").touch()
+    with pytest.raises(ValueError), unfinished(tmp_path, "task=export"):  # noqa: PT011
+        raise ValueError
+    assert mark.exists()
+    with unfinished(tmp_path, "task=export"):
+        pass
+    assert not mark.exists()

@@ -290,6 +290,9 @@ def unfinished(folder: Path, words: str) -> Iterator[None]:
     except (KeyboardInterrupt, BrokenPipeError):
         stays = any(path != mark for path in folder.iterdir())
         raise
+    else:
+        # Also another command's, which this one has brought to its end.
+        mark.unlink(missing_ok=True)
     finally:
         if marked and not stays:
             mark.unlink(missing_ok=True)

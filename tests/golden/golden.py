@@ -28,8 +28,8 @@ MEASURED = re.compile(
     r"|^ms(_low|_high)?$|^rank$|^median$|^(lower|upper)_quartile$|^end_to_end|^seconds|^size_bytes$|^threads$|^machine$|^text$|^measured$|^reason$|^where$|^basis$"
 )
 """Columns that are times, hang on times or on the machine, or are sentences."""
-TIMED_CLAIM = re.compile(r"^time\.")
-"""Claims of the scorecard that are about times: of their rows the name alone is kept."""
+TIMED = re.compile(r"^(time|fig25)\.")
+"""Claims and numbers of the paper's study that are about times: of their rows the name alone is kept."""
 NAMES = "names"
 
 
@@ -77,7 +77,7 @@ def reduced(source, target):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([head[at] for at in kept])
         for row in rows[::step]:
-            timed = head[0] == "claim" and TIMED_CLAIM.match(row[0])
+            timed = head[0] in ("claim", "number") and TIMED.match(row[0])
             writer.writerow(["" if timed and at else row[at] for at in kept])
     return len(rows)
 

@@ -378,7 +378,9 @@ def rectify(
     cells = (shape.rows + 2 * margin) * (shape.columns + 2 * margin)
     most = max(1, math.isqrt(SETTINGS.most_readings // cells) // samples_per_led)
     pixels = torch.maximum(*cell_size_px(corners_px, shape)).detach() / samples_per_led
-    factors = pixels.round().clamp(1, min(SETTINGS.most_factor, most)).long()
+    # A graph does not refuse corners that are no numbers.
+    pixels = pixels.round().nan_to_num()
+    factors = pixels.clamp(1, min(SETTINGS.most_factor, most)).long()
     if is_exporting():
         return _rectified_in_graph(
             frames, homography, factors, shape, samples_per_led, margin, dtype

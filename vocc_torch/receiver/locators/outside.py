@@ -133,7 +133,7 @@ class OutsideLocator(PanelLocator):
             return super().__call__(frames, shape)
         frames = Frames.of(frames)
         panels: Panels = self._answer(self.plug_in.made, frames, shape, Panels)
-        return self._checked(panels, len(frames))
+        return self._checked(panels, frames.grey.shape[0])
 
     def _answer(
         self, call: Callable[..., Any], frames: Frames, shape: PanelShape, kind: type
