@@ -65,7 +65,10 @@ def receiver_of(name):
     )
 
 
-@pytest.fixture(scope="module", params=["paper", "BrightBox"])
+@pytest.fixture(
+    scope="module",
+    params=["paper", pytest.param("BrightBox", marks=pytest.mark.slow)],
+)
 def exported(tmp_path_factory, request):
     """What the task leaves and says of lmmse with a locator, ours or from outside, and the receiver."""
     folder, said = tmp_path_factory.mktemp("exported"), io.StringIO()
@@ -85,7 +88,6 @@ def exported(tmp_path_factory, request):
     return folder, Receiver.load(folder / "receiver.pt", [str(mine)]), said.getvalue()
 
 
-@pytest.mark.slow
 def test_both_graphs_are_written_and_held_against_torch(exported):
     folder, _, said = exported
     left = sorted(path.name for path in folder.iterdir())
@@ -104,7 +106,6 @@ def test_both_graphs_are_written_and_held_against_torch(exported):
     )
 
 
-@pytest.mark.slow
 def test_onnxruntime_decides_as_torch_does(exported):
     """On crops of other sizes, large panels and small ones, and a single one at the end."""
     folder, receiver, _ = exported
