@@ -6,11 +6,9 @@ from hydra import compose, initialize_config_module
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import HydraException
-from omegaconf.errors import OmegaConfBaseException
 
 from vocc_torch.app.config import register
-from vocc_torch.app.resolve import complaint, hydra_words, resolved
+from vocc_torch.app.resolve import HYDRA_ERRORS, complaint, hydra_words, resolved
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.record_task import with_panel_of
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
@@ -21,14 +19,6 @@ from vocc_torch.studies.compare.effect_scenes import build_effect_study
 from vocc_torch.studies.compare.tradeoff import build_tradeoff_study
 from vocc_torch.studies.paper.plan import plan_figures
 
-REFUSALS = (
-    HydraException,
-    OmegaConfBaseException,
-    ValueError,
-    TypeError,
-    OverflowError,
-    RecursionError,
-)
 CHOSEN = {}
 """What Hydra composed, by the choices of groups."""
 
@@ -83,7 +73,7 @@ def complaint_of(*words):
         study_of(*words)
     except VoccError as error:
         said = str(error)
-    except REFUSALS as error:
+    except HYDRA_ERRORS as error:
         said = complaint(error)
     else:
         raise AssertionError(f"{words} are accepted")

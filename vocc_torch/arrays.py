@@ -23,7 +23,7 @@ def read_npy(path: Path, what: str, most_bytes: int = MOST_BYTES) -> NDArray[Any
 
     Args:
         path: the file.
-        what: it is, for refusals.
+        what: name of the file in refusals.
         most_bytes: of it.
 
     Raises:
@@ -45,7 +45,7 @@ def read_bits(path: Path, what: str, sides: tuple[int, int]) -> Bools:
 
     Args:
         path: the file ``.npy``.
-        what: it is, for refusals.
+        what: name of the file in refusals.
         sides: rows and columns of the panel.
 
     Raises:

@@ -70,7 +70,7 @@ def ordinary_file(
 
     Args:
         path: the file; a link is followed.
-        what: it is, for refusals.
+        what: name of the file in refusals.
         most_bytes: of it.
 
     Yields:
@@ -291,7 +291,7 @@ def unfinished(folder: Path, words: str) -> Iterator[None]:
         stays = any(path != mark for path in folder.iterdir())
         raise
     else:
-        # Also another command's, which this one has brought to its end.
+        # The folder is complete, whichever command began it.
         mark.unlink(missing_ok=True)
     finally:
         if marked and not stays:

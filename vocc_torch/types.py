@@ -328,7 +328,8 @@ class Frames(Batched):
         if isinstance(images, Frames):
             return images
         grey = tensor_of(name, images)
-        is_coloured = grey.shape[2:] in ((3,), (4,))  # and has not so few columns
+        # Three or four columns are the channels of a colour picture.
+        is_coloured = grey.shape[2:] in ((3,), (4,))
         is_grey = grey.shape[1:-2] in ((), (1,)) and grey.dtype == torch.uint8
         if is_coloured or not is_grey or grey.ndim < 2 or not grey.numel():
             given = f"dtype {grey.dtype} and shape {kind_of(grey)}"

@@ -85,7 +85,7 @@ def parse_yaml(text: str | bytes, what: str = "YAML") -> Any:
 
     Args:
         text: one document.
-        what: it is, for refusals.
+        what: name of the document in refusals.
 
     Raises:
         VoccError: no YAML, an alias, a key that is there twice, a tag, or too many levels.

@@ -65,7 +65,7 @@ STATING = ("detector",)
 ONE_LOCATOR = ("train", "test", "decode", "receive", "classifiers")
 """Tasks that find the panel with receiver.locator and no other."""
 
-HYDRAS = (
+HYDRA_ERRORS = (
     HydraException,
     OmegaConfBaseException,
     ValueError,
@@ -73,7 +73,7 @@ HYDRAS = (
     OverflowError,
     RecursionError,
 )
-"""Hydra trips over a group whose option is a list of numbers, and over a number that no float holds."""
+"""What Hydra raises, also at a list of numbers for a group's option and at a number that no float holds."""
 
 LOST_WORKER = (
     "a worker process was ended from outside, perhaps for lack of memory: the jobs that had ended keep their "
@@ -272,8 +272,9 @@ def complaint(error: BaseException) -> str:
     chain: list[BaseException] = []
     cause: BaseException | None = error
     while cause is not None and cause not in chain:
+        # The package's own refusal says most, whatever Hydra wraps it in.
         if isinstance(cause, VoccError):
-            return str(cause)  # says most, however it was wrapped
+            return str(cause)
         chain.append(cause)
         cause = cause.__cause__ or cause.__context__
     for cause in chain:
@@ -301,7 +302,7 @@ def ended_by(error: Exception) -> str | None:
         return (
             "hydra.launcher.timeout is shorter than a job: give more seconds, or null"
         )
-    if isinstance(error, HYDRAS):
+    if isinstance(error, HYDRA_ERRORS):
         return complaint(error)
     if isinstance(error, OSError):
         if refused := stdout_refusal(error):

@@ -61,7 +61,7 @@ class Front:
     follow: str = "auto"
 
     def __post_init__(self) -> None:
-        """Begin without any place of the panel."""
+        """Begin before the panel is found."""
         self.auto = self.follow == "auto"
         self.follows = self.follow == "true"
         self.tracker = Tracker(self.receiver.locator, self.receiver.shape)

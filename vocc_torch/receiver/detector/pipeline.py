@@ -122,7 +122,7 @@ def placed_well(
         quads: corners.
         shape: rows and columns.
         left: how many of the best go on after each look.
-        least: log odds at the last look, of those that are seen in all views.
+        least: log odds at the last look; only candidates above it are seen in all views.
     """
     for count in left:
         odds, moved = placed(networks.placer, pyramid, quads, shape)

@@ -248,7 +248,7 @@ def _is_sane(lattice: lattice_model.Lattice, corners_px: Tensor) -> Tensor:
     cell = torch.maximum(*resample.cell_size_px(corners_px, lattice.shape))
     strayed_px = (lattice.corners_px - corners_px).norm(dim=2).amax(1)
     pitch = torch.minimum(*resample.cell_size_px(lattice.corners_px, lattice.shape))
-    # Of corners that are not finite neither holds.
+    # Comparisons with corners that are not finite are false.
     is_near: Tensor = strayed_px <= REFINED.farthest_cells * cell
     return is_near & (pitch >= REFINED.least_pitch_px)
 

@@ -257,7 +257,7 @@ class Clutter(Sketched):
         layer.dirt = noise_nodes(generator, context.camera.sensor_px)
 
     def placed(self, generator: Generator, camera_view: view.View) -> list[Placed]:
-        """Place a frame's things."""
+        """Choose and place the vehicles and other objects of a frame."""
         context = camera_view.context
         camera, panel = context.camera, context.panel
         panel_m, width = float(context.scene.distance_m[0]), camera.width_px

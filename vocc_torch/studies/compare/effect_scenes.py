@@ -305,7 +305,7 @@ def _buildable(effects: Effects) -> bool:
 
 
 def without(scene: Effects, name: str) -> Effects:
-    """Take an effect out of a scene, and those that cannot stand without it."""
+    """Remove an effect from a scene, and the effects that need it."""
     kinds, left, stuck = chain.kinds_of(scene), {*scene}, {name}
     while stuck:
         left -= stuck

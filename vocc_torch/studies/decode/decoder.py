@@ -167,7 +167,7 @@ def sized_receiver(
 def looked_ahead(
     recording: Iterator[RecordedFrame],
 ) -> tuple[list[RecordedFrame], Iterator[RecordedFrame]]:
-    """Give the first frames, which decide for all of a recording, and all of it."""
+    """Give the first frames of a recording, and an iterator over all of its frames."""
     first = list(islice(recording, SETTINGS.frames))
     return first, chain(first, recording)
 
