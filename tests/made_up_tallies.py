@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vocc_torch.measure.curve import Curves, Point
 from vocc_torch.measure.frame_errors import FrameErrors
 
 
@@ -25,3 +26,21 @@ def compared(a_bits, b_bits, bits=64):
     halves = 2 * np.stack([a_bits, b_bits]).astype(np.int64)
     counts, paired = tallies(halves, bits, np.ones(halves.shape, dtype=bool))
     return *counts, paired[0, 1]
+
+
+def spread(bits, frames):
+    """Wrong bits of each frame, the most first, as even as can be: the lower of two numbers never has more."""
+    return np.full(frames, bits // frames) + (np.arange(frames) < bits % frames)
+
+
+def curves_of(wrong, experiment="distance", axis="distance_m", locator="paper", **more):
+    """Curves from each receiver's wrong bits a frame, ``{value: {receiver: (N,)}}``, of 64 LEDs."""
+    points, errors = [], {}
+    for value, at in wrong.items():
+        halves = 2 * np.array(list(at.values()), dtype=np.int64)
+        errors[value] = [errors_of(halves, 64, **more)]
+        points += [
+            Point(experiment, axis, value, name, locator, counts, "frames")
+            for name, counts in zip(at, errors[value][0].counts, strict=True)
+        ]
+    return Curves(points, errors)

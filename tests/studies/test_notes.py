@@ -2,11 +2,10 @@
 
 from types import SimpleNamespace
 
+import made_up_tallies
 import numpy as np
 import pytest
-from made_up_tallies import errors_of
 
-from vocc_torch.measure.curve import Curves, Point
 from vocc_torch.measure.plan import Experiment
 from vocc_torch.studies.curve import notes_on
 
@@ -15,18 +14,16 @@ NAMES, FRAMES = ("flda_2", "flda_3"), 1000
 
 def curves_of(wrong, misplaced=(), locator="paper"):
     """Curves of two receivers from the frames in which each has a wrong bit, by value."""
-    points, errors = [], {}
-    for value, frames in wrong.items():
-        halves = np.zeros((len(NAMES), FRAMES), dtype=np.int64)
-        for row, places in zip(halves, frames, strict=True):
-            row[list(places)] = 2
-        off = np.zeros_like(halves)
-        off[:, list(misplaced)] = 1
-        errors[value] = [errors_of(halves, 64, misplaced=off)]
-        for name, counts in zip(NAMES, errors[value][0].counts, strict=True):
-            place = "e", "distance_m", value, name, locator
-            points.append(Point(*place, counts, "frames"))
-    return Curves(points, errors)
+    places = np.arange(FRAMES)
+    bits = {
+        value: {
+            name: np.isin(places, list(frames))
+            for name, frames in zip(NAMES, pair, strict=True)
+        }
+        for value, pair in wrong.items()
+    }
+    off = np.tile(np.isin(places, list(misplaced)).astype(int), (len(NAMES), 1))
+    return made_up_tallies.curves_of(bits, locator=locator, misplaced=off)
 
 
 def plan_of(experiment=None, frames=FRAMES):

@@ -272,6 +272,10 @@ class BerTable:
         rows = [row for row in self.rows if row.receiver == receiver]
         return tuple(sorted(rows, key=lambda row: row.value))
 
+    def rate(self, receiver: str, value: float) -> Estimate:
+        """Give one receiver's rate at a value with its interval: the algorithm's after several trainings."""
+        return next(row.rate for row in self.of(receiver) if row.value == value)
+
 
 class Curves(BerTable):
     """Every receiver along one axis, with what every two of them differ in.

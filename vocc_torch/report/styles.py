@@ -69,6 +69,19 @@ def axis_label(axis: str) -> str:
     return str(LOOKS["axes"].get(axis, axis))
 
 
+def place_text(axis: str, value: float) -> str:
+    """Write a value of an axis with its unit.
+
+    Example:
+        >>> place_text("ambient_lx", 8000.0), place_text("contrast", 0.33)
+        ('8000 lx', '33 % contrast')
+    """
+    if axis == "contrast":
+        return f"{100 * value:.0f} % contrast"
+    unit = axis_label(axis).partition("(")[2].rstrip(")")
+    return f"{value_text(value)} {unit or axis}"
+
+
 def scale_of(values: Sequence[float], axis: str = "") -> str:
     """Give the scale of an axis: logarithmic for values above 0 over more than a decade.
 

@@ -10,8 +10,9 @@ from typing import NamedTuple
 from vocc_torch.measure import kept_training, runner, sweep
 from vocc_torch.measure.build import build_plan, without_absent
 from vocc_torch.measure.config import Settings
+from vocc_torch.measure.curve import Curves
 from vocc_torch.measure.executors import Workers
-from vocc_torch.measure.plan import Experiment, Plan, identity
+from vocc_torch.measure.plan import Experiment, Locator, Plan, identity
 from vocc_torch.measure.store import Store, canonical
 from vocc_torch.measure.train import Training, calibrated_receiver, training_key
 from vocc_torch.report import folder as run_folder
@@ -111,6 +112,25 @@ class Run:
         frames = sum(job.plan.frames_in_point for job in jobs)
         with self.stage(name, frames) as advance:
             return list(sweep.outcomes(jobs, self.pool, self.store, advance))
+
+    def curves(
+        self, plan: Plan, trained_on: Sequence[Plan], name: str
+    ) -> dict[Locator, Curves]:
+        """Count the errors at every value of a plan's axis.
+
+        Args:
+            plan: what is counted.
+            trained_on: plans of the trainings, each with a locator of its own.
+            name: of the stage.
+
+        Returns:
+            The curves by locator.
+        """
+        counted = self.count(cases_of(plan, trained_on), name)
+        values = plan.experiment.simulated_values
+        outcomes = dict(zip(values, counted, strict=True))
+        locators = [source.receiver.locator for source in trained_on]
+        return {at: sweep.curves_at(plan, at, outcomes) for at in locators}
 
     def job(self, case: Case) -> runner.Job:
         """Give the job of a case, with the trainings of each locator numbered."""

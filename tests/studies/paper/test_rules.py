@@ -54,69 +54,40 @@ def test_what_was_not_measured_has_no_verdict():
             rule(evidence, **arguments)
 
 
+FLAT = dict.fromkeys((1e3, 2e3, 4e3, 8e3, 16e3, 32e3), 1e-3)
+VALLEY = dict(zip(FLAT, (2e-2, 1e-2, 5e-3, 5e-4, 5e-3, 2e-2), strict=True))
+RISE = dict(zip(FLAT, (1e-3, 5e-3, 1e-2, 2e-2, 3e-2, 4e-2), strict=True))
+
+
 @pytest.mark.parametrize(
-    ("rates", "verdict"),
+    ("rule", "arguments", "rates", "verdict"),
     [
-        ({30.0: 1e-3, 50.0: 5e-3, 70.0: 2e-2}, "agree"),
-        ({30.0: 2e-2, 50.0: 5e-3, 70.0: 1e-3}, "differ"),
-        ({30.0: 1e-3, 50.0: 2e-2, 70.0: 5e-3}, "differ"),
-        ({30.0: 1e-3, 50.0: 1e-3, 70.0: 1e-3}, "cannot say"),
+        (trend, {"first": 1e3}, RISE, "agree"),
+        (trend, {"first": 1e3}, FLAT | {8e3: 2e-2, 32e3: 5e-3}, "differ"),
+        (trend, {"first": 1e3}, VALLEY, "differ"),
+        (trend, {"first": 1e3}, FLAT, "cannot say"),
+        # Without a first value the lowest value is compared alone.
+        (trend, {"rises": False}, VALLEY | {32e3: 5e-3}, "agree"),
+        (minimum, {"at": 8e3}, VALLEY, "agree"),
+        (minimum, {"at": 4e3}, VALLEY, "differ"),
+        (minimum, {"at": 1e3}, VALLEY, "differ"),
+        (minimum, {"at": 8e3}, FLAT, "cannot say"),
+        # Without a value the rate falls and rises again.
+        (minimum, {}, VALLEY, "agree"),
+        (minimum, {}, RISE, "differ"),
+        (minimum, {}, FLAT, "cannot say"),
     ],
 )
-def test_a_trend_holds_between_every_two_values(rates, verdict):
-    evidence = of_rates("distance", flda_3=rates)
-    assert (
-        trend(
-            evidence, "distance", ["flda_3"], last=70.0, rises=True, first=30.0
-        ).verdict
-        == verdict
-    )
+def test_rules_along_an_axis(rule, arguments, rates, verdict):
+    about = {"receivers": ["flda_3"], "last": 32e3, "rises": True}
+    about = (about if rule is trend else {"receiver": "flda_3"}) | arguments
+    assert rule(of_rates(flda_3=rates), "ambient", **about).verdict == verdict
 
 
-def test_a_trend_without_a_first_value_compares_the_lowest_value_alone():
-    rates = {0.03: 2e-2, 0.15: 1e-3, 0.33: 5e-3}
-    evidence = of_rates("contrast", flda_3=rates)
-    assert (
-        trend(evidence, "contrast", ["flda_3"], last=0.33, rises=False).verdict
-        == "agree"
-    )
-
-
-VALLEY = {1e3: 2e-2, 2e3: 1e-2, 4e3: 5e-3, 8e3: 5e-4, 16e3: 5e-3, 32e3: 2e-2}
-
-
-@pytest.mark.parametrize(
-    ("at", "verdict"), [(8e3, "agree"), (4e3, "differ"), (1e3, "differ")]
-)
-def test_a_minimum_is_where_no_other_value_is_surely_below(at, verdict):
-    assert minimum(of_rates(flda_3=VALLEY), "ambient", "flda_3", at).verdict == verdict
-
-
-def test_a_minimum_that_was_not_resolved_cannot_be_told():
-    flat = dict.fromkeys(VALLEY, 1e-3)
-    assert (
-        minimum(of_rates(flda_3=flat), "ambient", "flda_3", 8e3).verdict == "cannot say"
-    )
-    silent = VALLEY | {4e3: 0.0, 8e3: 0.0}
-    assert (
-        minimum(of_rates(flda_3=silent), "ambient", "flda_3", 8e3).reason
-        == "several values have no errors"
-    )
-
-
-@pytest.mark.parametrize(
-    ("rates", "verdict"),
-    [
-        (VALLEY, "agree"),
-        (
-            dict(zip(VALLEY, (1e-3, 5e-3, 1e-2, 2e-2, 3e-2, 4e-2), strict=True)),
-            "differ",
-        ),
-        (dict.fromkeys(VALLEY, 1e-3), "cannot say"),
-    ],
-)
-def test_a_valley_has_a_rise_on_both_sides(rates, verdict):
-    assert minimum(of_rates(flda_3=rates), "ambient", "flda_3").verdict == verdict
+def test_a_minimum_among_values_without_errors_cannot_be_told():
+    silent = of_rates(flda_3=VALLEY | {4e3: 0.0, 8e3: 0.0})
+    found = minimum(silent, "ambient", "flda_3", 8e3)
+    assert found.reason == "several values have no errors"
 
 
 @pytest.mark.parametrize(

@@ -91,16 +91,16 @@ def test_rates_are_those_of_the_experiment_alone(some, place):
 
 
 def test_quoted_rates_are_drawn_as_stars(place):
-    from vocc_torch.studies.paper import report
+    from vocc_torch.studies.paper import run
 
     drawn = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            report.tensorboard,
+            run.tensorboard,
             "write_figures",
             lambda _, __, figures, ___: drawn.update(figures),
         )
-        patch.setattr(report.page, "html", lambda *_: "")
+        patch.setattr(run.page, "html", lambda *_: "")
         ended = run_in(place, *ASK[:-1], "name=stars", drawn=True)
     assert ended.status == 0, ended.err
     stars = [

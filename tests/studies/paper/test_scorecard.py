@@ -2,36 +2,41 @@
 
 import inspect
 import itertools
-from types import SimpleNamespace
 
 import pytest
 from made_up_evidence import of_rates
 
 from vocc_torch.studies.paper.plan import EVIDENCE, FIGURES
 from vocc_torch.studies.paper.rules import RULES
-from vocc_torch.studies.paper.scorecard import CLAIMS, PARTS, score, stars
+from vocc_torch.studies.paper.scorecard import (
+    CLAIMS,
+    PARTS,
+    PaperReading,
+    claim_rows,
+    fit_rows,
+    stars,
+)
 
 NEAR, FAR = 6.6e-4, 6.6e-3
 
 
-def reading(name, **values):
-    return SimpleNamespace(name=name, values=values, why="made up")
-
-
-def evidence(two):
-    return of_rates(
-        frames=20_000,
-        flda_2={8e3: two, 16e3: 2 * two},
-        flda_3={8e3: 0.76 * two, 16e3: two},
-    )
-
-
-def card_of(rates):
-    readings = [
-        reading(name, board=board, lens=lens)
-        for name, (board, lens, _) in rates.items()
-    ]
-    return score(readings, {name: evidence(two) for name, (_, _, two) in rates.items()})
+def readings_of(rates):
+    """Readings by name, with a rate of two features and one of three in two places."""
+    readings = {}
+    for name, (board, lens, two) in rates.items():
+        measured = of_rates(
+            frames=20_000,
+            flda_2={8e3: two, 16e3: 2 * two},
+            flda_3={8e3: 0.76 * two, 16e3: two},
+        )
+        readings[name] = PaperReading(
+            name=name,
+            values={"board": board, "lens": lens},
+            why="made up",
+            plan=None,
+            experiments=measured.experiments,
+        )
+    return readings
 
 
 FOUR = {
@@ -67,15 +72,17 @@ def test_quoted_rates_are_stars_at_their_values():
 
 
 def test_the_reading_with_the_quoted_rates_is_nearest_and_agrees_most():
-    card = card_of(FOUR)
-    decades = {name: card.fits[name].decades for name in FOUR}
-    assert decades["a"].value == pytest.approx(0, abs=0.02)
-    assert decades["b"].value == pytest.approx(1, abs=0.02)
-    assert decades["b"].low > decades["a"].high
-    assert card.fits["a"].count("agree") > card.fits["b"].count("agree")
-    rows = list(card.fit_rows())
+    readings = readings_of(FOUR)
+    near, far = readings["a"], readings["b"]
+    assert near.decades.value == pytest.approx(0, abs=0.02)
+    assert far.decades.value == pytest.approx(1, abs=0.02)
+    assert far.decades.low > near.decades.high
+    assert near.count("agree") > far.count("agree")
+    rows, lines = (
+        list(rows_of(readings.values())) for rows_of in (fit_rows, claim_rows)
+    )
     assert [row[0] for row in rows] == ["reading", *FOUR]
-    assert all(len(row) == len(rows[0]) for row in rows)
-    lines = list(card.rows())
-    assert all(len(line) == len(lines[0]) for line in lines)
-    assert len(lines) == 1 + sum(map(len, card.judgements.values()))
+    for table in (rows, lines):
+        assert {len(row) for row in table} == {len(table[0])}
+    judged = [reading.judgements for reading in readings.values()]
+    assert len(lines) == 1 + sum(map(len, judged))

@@ -10,13 +10,15 @@ import yaml
 
 from vocc_torch.errors import VoccError, demand_word, section
 from vocc_torch.measure import config as configs
-from vocc_torch.measure import curve, sweep
-from vocc_torch.measure.plan import Experiment, Locator, Plan
+from vocc_torch.measure import curve
+from vocc_torch.measure.plan import Experiment, Plan, identity
+from vocc_torch.measure.store import canonical
 from vocc_torch.studies.paper import FiguresConfig
 from vocc_torch.studies.paper.evidence import PaperFigure, features, panels, times
 from vocc_torch.studies.paper.evidence.sample import Source
-from vocc_torch.studies.paper.readings import PaperReading, load_readings
-from vocc_torch.studies.run import Case, Run, cases_of
+from vocc_torch.studies.paper.readings import load_readings
+from vocc_torch.studies.paper.scorecard import PaperReading
+from vocc_torch.studies.run import Run
 
 PAPER_RECEIVERS = ("center_greyscale", "average_greyscale", "flda_2", "flda_3")
 """The receivers of the paper's figures."""
@@ -48,39 +50,35 @@ EVIDENCE: Mapping[str, Callable[[Source, str], PaperFigure]] = {
 
 
 class RateStudy(NamedTuple):
-    """A curve of bit error rates that is to be measured.
+    """A curve of bit error rates that is to be measured, or a row of the grid.
 
     Args:
         experiment: its name.
-        name: of the experiment and the reading.
+        name: of the experiment, and of the reading or the row.
         plan: what is measured.
-        locators: names of the locators by reading, all run on the same frames.
+        readings: they differ in the locator alone, and share the frames.
+        row: ambient light of a row; None for a curve.
     """
 
     experiment: str
     name: str
     plan: Plan
-    locators: Mapping[str, Locator]
+    readings: Sequence[PaperReading]
+    row: float | None = None
 
     @property
-    def cases(self) -> list[Case]:
-        """Its points, counted by receivers that trained with each of the locators."""
-        locators = dict.fromkeys(self.locators.values())
-        return cases_of(self.plan, list(map(self.plan.locating_with, locators)))
+    def trained_on(self) -> list[Plan]:
+        """The plans of the trainings, one for each locator."""
+        locators = dict.fromkeys(reading.locator for reading in self.readings)
+        return list(map(self.plan.locating_with, locators))
 
     def curves(self, run: Run) -> dict[str, curve.Curves]:
-        """Count the points, and give the curves by reading.
+        """Count the points, and give the curves by locator.
 
         Raises:
             VoccError: no frame fell into any contrast bin.
         """
-        counted = run.count(self.cases, self.name)
-        values = self.plan.experiment.simulated_values
-        outcomes = dict(zip(values, counted, strict=True))
-        curves = {
-            reading: sweep.curves_at(self.plan, locator, outcomes)
-            for reading, locator in self.locators.items()
-        }
+        curves = run.curves(self.plan, self.trained_on, self.name)
         if not all(map(len, curves.values())):
             key = f"figures.experiments.{self.experiment}.values"
             edges = list(self.plan.experiment.values)
@@ -94,20 +92,12 @@ class FigurePlan(NamedTuple):
     Args:
         names: the figures, in the paper's order.
         readings: the first is reported in full.
-        studies: of bit error rates, those of the first reading first; readings that differ in the locator
-            alone share a study, and so its frames.
-        rows: of the grid, by ambient light; empty where it is not wanted.
+        studies: curves of bit error rates, those of the first reading first, and then the rows of the grid.
     """
 
     names: tuple[str, ...]
     readings: tuple[PaperReading, ...]
     studies: Sequence[RateStudy]
-    rows: Mapping[float, RateStudy]
-
-    @property
-    def every_study(self) -> list[RateStudy]:
-        """The curves, and then the rows of the grid."""
-        return [*self.studies, *self.rows.values()]
 
 
 def plan_figures(settings: configs.Settings, config: FiguresConfig) -> FigurePlan:
@@ -131,32 +121,27 @@ def plan_figures(settings: configs.Settings, config: FiguresConfig) -> FigurePla
         raise VoccError.of(
             "receiver.names", list(first.receiver.names), f"at least one of {known}"
         )
-    studies, rows = [], {}
+    studies = []
     for group in alike(readings):
-        locators = {reading.name: reading.locator for reading in group}
         for name, experiment in config.experiments.items():
             if RATE_FIGURES.get(name) in names:
                 plan = rows_of(group[0].plan, name, experiment)[0.0]
                 study = f"{name}-{group[0].name}"
-                studies.append(RateStudy(name, study, plan, locators))
+                studies.append(RateStudy(name, study, plan, group))
     if DIMMING in names and DIMMING in config.experiments:
-        locators = {readings[0].name: readings[0].locator}
         for at, plan in rows_of(first, DIMMING, config.experiments[DIMMING]).items():
-            rows[at] = RateStudy(DIMMING, f"{DIMMING}-{at:g}", plan, locators)
-    return FigurePlan(names, readings, studies, rows)
+            row = f"{DIMMING}-{at:g}"
+            studies.append(RateStudy(DIMMING, row, plan, readings[:1], at))
+    return FigurePlan(names, readings, studies)
 
 
 def alike(readings: Sequence[PaperReading]) -> list[list[PaperReading]]:
     """Group the readings that differ in the locator alone, in order."""
-    groups: list[list[PaperReading]] = []
+    groups: dict[str, list[PaperReading]] = {}
     for reading in readings:
-        for group in groups:
-            if group[0].plan.locating_with(reading.locator) == reading.plan:
-                group.append(reading)
-                break
-        else:
-            groups.append([reading])
-    return groups
+        settings = canonical(identity(reading.plan, ()))
+        groups.setdefault(settings, []).append(reading)
+    return list(groups.values())
 
 
 def rows_of(plan: Plan, name: str, experiment: Experiment) -> dict[float, Plan]:

@@ -4,7 +4,6 @@ Where receivers were trained several times, a rate is that of the algorithm, ove
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ import numpy as np
 from vocc_torch.measure import curve, estimate, intervals, paired, trainings
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.report.styles import rate_text
+from vocc_torch.report.styles import place_text, rate_text
 
 
 @dataclass(frozen=True)
@@ -30,20 +29,6 @@ class PaperBudget:
 
 
 PAPER = PaperBudget()
-UNITS = {"ambient_lx": "lx", "led_luminance_cd_m2": "cd/m²", "distance_m": "m"}
-"""Units of the axes' values; a contrast is written in per cent."""
-
-
-def place(axis: str, value: float) -> str:
-    """Write a value of an axis with its unit.
-
-    Example:
-        >>> place("ambient_lx", 8000.0), place("contrast", 0.33)
-        ('8000 lx', '33 % contrast')
-    """
-    if axis == "contrast":
-        return f"{100 * value:.0f} % contrast"
-    return f"{value:g} {UNITS.get(axis, axis)}"
 
 
 class Comparison(NamedTuple):
@@ -73,14 +58,9 @@ class Comparison(NamedTuple):
         """The two rates and where they were measured."""
         curves = self.curves
         return " and ".join(
-            f"{name} {rate_text(curves.tested(name, at).ber)} at {place(curves.axis, at)}"
+            f"{name} {rate_text(curves.tested(name, at).ber)} at {place_text(curves.axis, at)}"
             for name, at in (self.above, self.below)
         )
-
-
-def measured_rate(curves: curve.Curves, receiver: str, value: float) -> Estimate:
-    """A bit error rate with its interval; without errors the high end is the one-sided limit."""
-    return next(row.rate for row in curves.of(receiver) if row.value == value)
 
 
 def quoted_counts(
@@ -113,14 +93,15 @@ def decades_apart(
     The interval takes either rate anywhere in its own. Without errors the distance is that of our limit
     where the limit lies below the quoted rate, else 0.
     """
-    ours = measured_rate(curves, receiver, value)
+    ours = curves.rate(receiver, value)
     theirs = intervals.ber_interval(quoted_counts(curves, receiver, value, ber))
-    least = math.log10(ours.low / theirs.high) if ours.low > 0 else -math.inf
-    most = math.log10(ours.high / theirs.low) if theirs.low > 0 else math.inf
-    near, far = max(least, -most, 0.0), max(-least, most)
-    if ours.value:
-        return Estimate(abs(math.log10(ours.value / ber)), near, far)
-    return Estimate(max(0.0, math.log10(ber / ours.high)), near, far)
+    near = max(ours.low / theirs.high, theirs.low / ours.high, 1.0)
+    far = math.inf
+    if ours.low and theirs.low:
+        far = max(ours.high / theirs.low, theirs.high / ours.low)
+    # Without errors our limit may only be too low.
+    apart = ours.value / ber if ours.value else min(1.0, ours.high / ber)
+    return Estimate(abs(math.log10(apart)), math.log10(near), math.log10(far))
 
 
 def paper_frames(curves: curve.Curves, value: float | None) -> float:
@@ -161,64 +142,44 @@ def clustered_like(like: Counts, ber: float, frames: float) -> Counts:
     return Counts(number, bits, half_errors, min(squared, half_errors**2), wrong)
 
 
-Features = tuple[Counts, Counts, paired.PairedCounts]
-"""Errors of two and of three features, and the comparison of both."""
-
-
-def two_and_three(curves: curve.Curves, values: Sequence[float]) -> Features:
-    """What the gain of three features over two is computed from, over some values together."""
-    two, three = (
-        sum((curves.tested(name, at) for at in values), Counts())
-        for name in ("flda_2", "flda_3")
-    )
-    pairs = (curves.tested_pair("flda_2", "flda_3", at) for at in values)
-    return two, three, sum(pairs, paired.PairedCounts())
-
-
-def gain(curves: curve.Curves, value: float | None) -> Estimate | None:
+def gain(
+    curves: curve.Curves, value: float | None, quoted: float
+) -> tuple[Estimate, Estimate] | None:
     """The share of two features' errors that three do not make, at one value or averaged over the axis.
 
-    None where two features made no error.
+    Returns:
+        The share, and the share less a quoted one, whose interval is ours scaled by the numbers of frames.
+        None where two features made no error.
     """
-    found: Estimate | None
-    if value is None:
-        found = paired.mean_gain(two_and_three(curves, [at]) for at in curves.values)
-    else:
-        found = paired.relative_gain(*two_and_three(curves, [value]))
-    return found and trainings.widened(found, gain_by_training(curves, value))
-
-
-def gain_by_training(curves: curve.Curves, value: float | None) -> list[float]:
-    """How far each training's gain is from that of all trainings.
-
-    A ratio of rates is taken as linear in them, so that a training without errors is no gap.
-    """
-    apart = []
-    for at in curves.values if value is None else (value,):
+    points, scatter = list[tuple[Counts, Counts, paired.PairedCounts]](), []
+    for at in curves.values if value is None else [value]:
         two, three = (curves.trainings(name, at) for name in ("flda_2", "flda_3"))
+        pair = curves.tested_pair("flda_2", "flda_3", at)
+        points.append((two.pooled, three.pooled, pair))
         if base := two.pooled.ber:
+            # How far each training's gain is from that of all. A ratio of rates is taken as linear in them,
+            # so that a training without errors is no gap.
             expected = np.multiply(three.pooled.ber / base, two.rates)
-            apart.append(np.subtract(expected, three.rates) / base)
-    means = np.mean(apart, axis=0).tolist() if apart else []
-    return means
-
-
-def gain_difference(
-    curves: curve.Curves, found: Estimate, value: float | None, quoted: float
-) -> Estimate:
-    """Our gain less a quoted one, whose interval is ours scaled by the numbers of frames."""
-    values = curves.values if value is None else [value]
-    frames = two_and_three(curves, values)[0].frames
+            scatter.append(np.subtract(expected, three.rates) / base)
+    if value is None:
+        found = paired.mean_gain(points)
+    else:
+        found = paired.relative_gain(*points[0])
+    if found is None:
+        return None
+    by_training = np.mean(scatter, axis=0).tolist()
+    found = trainings.widened(found, by_training)
+    frames = sum(two.frames for two, *_ in points)
     scale = math.sqrt(frames / paper_frames(curves, value))
-    scatter = gain_by_training(curves, value)
     # The paper's two receivers come of one training.
     alone = 0.0
-    if len(scatter) > 1:
-        alone = trainings.t_reach(scatter) * math.sqrt(len(scatter))
+    if len(by_training) > 1:
+        alone = trainings.t_reach(by_training) * math.sqrt(len(by_training))
     below, above = found.value - found.low, found.high - found.value
     apart = found.value - quoted
     low = apart - math.hypot(below, scale * above, alone)
-    return Estimate(apart, low, apart + math.hypot(above, scale * below, alone))
+    high = apart + math.hypot(above, scale * below, alone)
+    return found, Estimate(apart, low, high)
 
 
 def candidates(curves: curve.Curves, receiver: str) -> list[float]:

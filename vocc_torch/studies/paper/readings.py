@@ -1,41 +1,20 @@
 """Readings of what the paper leaves open, by name or from a file."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Sequence
+from dataclasses import asdict
 from importlib.resources import files as resources
-from typing import Any, NamedTuple
+from typing import Any
 
 from vocc_torch.errors import VoccError, section
 from vocc_torch.files import read_file
 from vocc_torch.measure import build, config
-from vocc_torch.measure.plan import Plan
 from vocc_torch.measure.schema import typed
 from vocc_torch.simulation.effects import PHYSICAL_ORDER
+from vocc_torch.studies.paper.scorecard import PaperReading
 from vocc_torch.yaml_text import parse_yaml
 
 SECTIONS = ("scene", "camera", "panel", "receiver")
 """Parts of the configuration that a reading may set."""
-
-
-class PaperReading(NamedTuple):
-    """One way to fill what the paper leaves open.
-
-    Args:
-        name: a word.
-        values: by the key of the configuration, such as ``panel.board_reflectance``.
-        why: what in the text allows it.
-        plan: the study under this reading, at any experiment.
-    """
-
-    name: str
-    values: Mapping[str, Any]
-    why: str
-    plan: Plan
-
-    @property
-    def locator(self) -> str:
-        """Where the panel's corners come from."""
-        return self.plan.receiver.locator
 
 
 def load_readings(
@@ -65,8 +44,8 @@ def load_readings(
     if not chosen or len(dict(chosen)) < len(chosen):
         rule = "at least one reading, each once"
         raise VoccError.of("figures.readings", list(names), rule)
-    plain = asdict(settings)
-    plain = {item.name: plain[item.name] for item in fields(config.Settings)}
+    known = config.Settings.__dataclass_fields__
+    plain = {name: at for name, at in asdict(settings).items() if name in known}
     absent = {kind.name for kind in PHYSICAL_ORDER} - {*settings.scene.effects}
     readings = []
     for name, entry in chosen:
@@ -83,7 +62,8 @@ def load_readings(
                     changes.append(value)
             plan = build.build_plan(typed(config.Settings, plain, *changes))
             plan.world.simulator()  # a wrong effect is refused now
-            readings.append(PaperReading(name, entry["set"], entry["why"], plan))
+            about = {"values": entry["set"], "why": entry["why"]}
+            readings.append(PaperReading(name=name, plan=plan, **about))
     return tuple(readings)
 
 

@@ -22,14 +22,14 @@ interval of the difference leaves out 0; *agree* where it holds 0 and our interv
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
 from vocc_torch.measure import curve, estimate
 from vocc_torch.measure.estimate import Estimate
-from vocc_torch.report.styles import rate_text
+from vocc_torch.report.styles import place_text, rate_text
 from vocc_torch.studies.paper import rates
-from vocc_torch.studies.paper.rates import Comparison, place
+from vocc_torch.studies.paper.rates import Comparison
 
 Verdict: TypeAlias = Literal["agree", "differ", "cannot say"]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
@@ -57,7 +57,7 @@ class NotMeasuredError(Exception):
     """A rule asks for something that was not measured."""
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Evidence:
     """What was measured under one reading of the paper.
 
@@ -66,8 +66,8 @@ class Evidence:
         numbers: of the other figures, such as ``fig12.auc_ngr``, each with its interval.
     """
 
-    experiments: dict[str, curve.Curves]
-    numbers: dict[str, Estimate]
+    experiments: dict[str, curve.Curves] = field(default_factory=dict)
+    numbers: dict[str, Estimate] = field(default_factory=dict)
 
     def curves(
         self, experiment: str, receivers: Sequence[str], values: Sequence[float] = ()
@@ -95,19 +95,29 @@ class Evidence:
 
 
 class Judgement(NamedTuple):
-    """A verdict with its reason.
+    """What a claim's measurement says; the claim agrees unless something contradicts it or leaves a doubt.
 
     Args:
-        verdict: ``agree``, ``differ`` or ``cannot say``.
         measured: what was measured, in words.
-        reason: why the verdict is not ``agree``; may be empty.
+        against: what contradicts the claim.
+        doubt: why nothing can be said.
         interval: where the measurement is one number.
     """
 
-    verdict: Verdict
     measured: str
-    reason: str = ""
+    against: str = ""
+    doubt: str = ""
     interval: Estimate | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """``agree``, ``differ`` or ``cannot say``."""
+        return "differ" if self.against else "cannot say" if self.doubt else "agree"
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is not ``agree``; empty where it is."""
+        return self.against or self.doubt
 
 
 def order(
@@ -173,13 +183,13 @@ def weighed(comparisons: Sequence[Comparison]) -> Judgement:
     support = sum(difference.low > 0 for difference in differences)
     highs = [difference.high for difference in differences]
     against = sum(high < 0 for high in highs)
-    measured = f"{support} of {len(comparisons)} comparisons support it, {against} contradict it"
-    if against:
-        surest = comparisons[highs.index(min(highs))]
-        return Judgement("differ", measured, surest.text())
-    if support >= STRICT.least_support * len(comparisons):
-        return Judgement("agree", measured)
-    return Judgement("cannot say", measured, "too few differences are significant")
+    surest = comparisons[highs.index(min(highs))]
+    enough = support >= STRICT.least_support * len(comparisons)
+    return Judgement(
+        f"{support} of {len(comparisons)} comparisons support it, {against} contradict it",
+        surest.text() if against else "",
+        "" if enough else "too few differences are significant",
+    )
 
 
 def minimum(
@@ -189,28 +199,31 @@ def minimum(
     curves = evidence.curves(experiment, [receiver], [] if at is None else [at])
     values, candidates = curves.values, rates.candidates(curves, receiver)
     ber = {value: curves.tested(receiver, value).ber for value in values}
-    lowest = [value for value in values if ber[value] == min(ber.values())]
-    named = ", ".join(place(curves.axis, value) for value in lowest)
+    first, *others = (value for value in values if ber[value] == min(ber.values()))
+    named = ", ".join(place_text(curves.axis, value) for value in (first, *others))
     measured = f"lowest at {named}; {len(candidates)} of {len(values)} values may be the lowest"
     if at is None:
-        return valley(curves, receiver, measured)
-    first, *_ = lowest
-    interval = Estimate(first, min(*candidates, first), max(*candidates, first))
+        return Judgement(measured, *valley(curves, receiver))
+    against = doubt = ""
+    number = values.index(at)
     if at not in candidates:
-        reason = f"{rate_text(ber[at])} at {place(curves.axis, at)}, {rate_text(ber[first])} there"
-        return Judgement("differ", measured, reason, interval)
-    number, reason = values.index(at), ""
-    if 2 * len(candidates) > len(values):
-        reason = "too many to decide"
+        against = f"{rate_text(ber[at])} at {place_text(curves.axis, at)}, {rate_text(ber[first])} there"
+    elif 2 * len(candidates) > len(values):
+        doubt = "too many to decide"
     elif sum(not ber[value] for value in candidates) > 1:
-        reason = "several values have no errors"
-    elif not {*lowest} & {*values[max(0, number - 1) : number + 2]}:
-        reason = "the lowest rate is elsewhere"
-    return Judgement("cannot say" if reason else "agree", measured, reason, interval)
+        doubt = "several values have no errors"
+    elif not {first, *others} & {*values[max(0, number - 1) : number + 2]}:
+        doubt = "the lowest rate is elsewhere"
+    interval = Estimate(first, min(*candidates, first), max(*candidates, first))
+    return Judgement(measured, against, doubt, interval)
 
 
-def valley(curves: curve.Curves, receiver: str, measured: str) -> Judgement:
-    """Judge whether a rate falls, is lowest inside the axis, and rises again."""
+def valley(curves: curve.Curves, receiver: str) -> tuple[str, str]:
+    """Say what contradicts, and what leaves in doubt, that a rate falls, is lowest inside the axis, and rises.
+
+    Raises:
+        NotMeasuredError: the axis has no inner value.
+    """
     values = curves.values
     if len(values) < 3:
         raise NotMeasuredError(f"an inner value of {curves.axis}")
@@ -223,15 +236,12 @@ def valley(curves: curve.Curves, receiver: str, measured: str) -> Judgement:
     inside = values[1:-1]
     for end in (values[0], values[-1]):
         if all(is_above(value, end) for value in inside):
-            reason = f"lowest at an end, {place(curves.axis, end)}"
-            return Judgement("differ", measured, reason)
+            return f"lowest at an end, {place_text(curves.axis, end)}", ""
     for number, value in enumerate(inside, start=1):
         sides = values[:number], values[number + 1 :]
         if all(any(is_above(other, value) for other in side) for side in sides):
-            return Judgement("agree", measured)
-    return Judgement(
-        "cannot say", measured, "the rise is not significant on both sides"
-    )
+            return "", ""
+    return "", "the rise is not significant on both sides"
 
 
 def quoted(
@@ -255,24 +265,34 @@ def quoted(
     values = [] if at is None else [at]
     curves = evidence.curves(experiment, [receiver, "flda_2", "flda_3"], values)
     if ber is not None and at is not None:
-        found = rates.measured_rate(curves, receiver, at)
+        found = curves.rate(receiver, at)
         apart = rates.quoted_difference(curves, receiver, at, ber)
-        measured = f"{rate_text(found.value)} [{rate_text(found.low)}, {rate_text(found.high)}]"
+        measured = interval_text(found, rate_text)
         wide = found.high > STRICT.widest_ratio * found.low
         gap = f"{found.value / ber:.2g} times the quoted rate"
     else:
-        share = rates.gain(curves, at)
+        share = rates.gain(curves, at, gain)
         if share is None:
-            return Judgement("cannot say", "no gain", "two features made no error")
-        found, apart = share, rates.gain_difference(curves, share, at, gain)
-        measured = f"{100 * found.value:.0f} % [{100 * found.low:.0f} %, {100 * found.high:.0f} %]"
+            return Judgement("no gain", doubt="two features made no error")
+        found, apart = share
+        measured = interval_text(found, lambda share: f"{100 * share:.0f} %")
         wide = found.high - found.low > STRICT.widest_gain
         gap = f"{100 * (found.value - gain):+.0f} points"
-    if apart.real:
-        return Judgement("differ", measured, gap, found)
-    if wide:
-        return Judgement("cannot say", measured, "the interval is wide", found)
-    return Judgement("agree", measured, "", found)
+    doubt = "the interval is wide" if wide else ""
+    return Judgement(measured, gap if apart.real else "", doubt, found)
+
+
+def interval_text(found: Estimate, write: Callable[[float], str]) -> str:
+    """Write a number with its interval; an exact number stands alone.
+
+    Example:
+        >>> interval_text(Estimate(0.24, 0.1, 0.3), "{:.4g}".format)
+        '0.24 [0.1, 0.3]'
+    """
+    ends = (
+        f" [{write(found.low)}, {write(found.high)}]" if found.low < found.high else ""
+    )
+    return write(found.value) + ends
 
 
 def number(
@@ -291,26 +311,25 @@ def number(
         most: its upper limit.
         ascending: pairs of names, of which the first is below the second.
     """
+    against = doubt = ""
     if value:
         found = evidence.number(value)
-        measured = f"{found.value:.4g}"
-        if found.low < found.high:
-            measured += f" [{found.low:.4g}, {found.high:.4g}]"
+        measured = interval_text(found, "{:.4g}".format)
         limits = f"{least:.4g} to {most:.4g}"
-        if least <= found.low and found.high <= most:
-            return Judgement("agree", measured, "", found)
-        outside = found.high < least or found.low > most
-        return Judgement("differ" if outside else "cannot say", measured, limits, found)
-    numbers = {
-        name: evidence.number(name) for name in itertools.chain.from_iterable(ascending)
-    }
+        if found.high < least or found.low > most:
+            against = limits
+        elif found.low < least or found.high > most:
+            doubt = limits
+        return Judgement(measured, against, doubt, found)
+    names = itertools.chain.from_iterable(ascending)
+    numbers = {name: evidence.number(name) for name in names}
     measured = ", ".join(f"{name} {found.value:.7g}" for name, found in numbers.items())
-    for lower, higher in ascending:
+    for lower, higher in reversed(ascending):
         if numbers[lower].low > numbers[higher].high:
-            return Judgement("differ", measured, f"{higher} is lower than {lower}")
-    if all(numbers[lower].high < numbers[higher].low for lower, higher in ascending):
-        return Judgement("agree", measured)
-    return Judgement("cannot say", measured, "equal, or the intervals overlap")
+            against = f"{higher} is lower than {lower}"
+        if numbers[lower].high >= numbers[higher].low:
+            doubt = "equal, or the intervals overlap"
+    return Judgement(measured, against, doubt)
 
 
 RULES: Mapping[str, Callable[..., Judgement]] = {

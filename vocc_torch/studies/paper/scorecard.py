@@ -1,8 +1,10 @@
 """The scorecard: the paper's claims (``claims.yaml``) under every reading, and which reading fits best."""
 
 import itertools
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import astuple, dataclass
+from functools import cached_property
 from importlib.resources import files
 from typing import Any, NamedTuple, TypeAlias
 
@@ -10,8 +12,8 @@ import numpy as np
 import yaml
 
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.plan import Plan
 from vocc_torch.studies.paper import rates
-from vocc_torch.studies.paper.readings import PaperReading
 from vocc_torch.studies.paper.rules import (
     RULES,
     VERDICTS,
@@ -43,16 +45,14 @@ class Claim:
     arguments: Mapping[str, Any]
 
     @property
+    def part(self) -> str:
+        """The first word of its name."""
+        return self.name.partition(".")[0]
+
+    @property
     def of_reading(self) -> bool:
         """Whether the verdict depends on the reading; numbers of figures do not."""
         return self.rule != "number"
-
-    def judge(self, evidence: Evidence) -> Judgement | None:
-        """Judge the claim; None where its measurement is missing."""
-        try:
-            return RULES[self.rule](evidence, **self.arguments)
-        except NotMeasuredError:
-            return None
 
 
 _FILE = yaml.safe_load(files(__package__).joinpath("claims.yaml").read_text("utf-8"))
@@ -79,8 +79,67 @@ def stars(experiment: str) -> dict[str, list[tuple[float, float]]]:
     return found
 
 
+@dataclass(eq=False, kw_only=True)
+class PaperReading(Evidence):
+    """One way to fill what the paper leaves open, what was measured under it, and how it fits the paper.
+
+    Numbers of figures do not depend on the reading: the first reading alone has them.
+
+    Args:
+        name: a word.
+        values: by the key of the configuration, such as ``panel.board_reflectance``.
+        why: what in the text allows it.
+        plan: the study under this reading, at any experiment.
+    """
+
+    name: str
+    values: Mapping[str, Any]
+    why: str
+    plan: Plan
+
+    @property
+    def locator(self) -> str:
+        """Where the panel's corners come from."""
+        return self.plan.receiver.locator
+
+    @cached_property
+    def judgements(self) -> dict[Claim, Judgement]:
+        """What is judged of each claim; claims without a measurement are left out."""
+        found = {}
+        for claim in CLAIMS:
+            with suppress(NotMeasuredError):
+                found[claim] = RULES[claim.rule](self, **claim.arguments)
+        return found
+
+    def judged(self, part: str) -> dict[Claim, Judgement]:
+        """What is judged of a part's claims."""
+        judged = self.judgements.items()
+        return {claim: found for claim, found in judged if claim.part == part}
+
+    @property
+    def verdicts(self) -> dict[Claim, Verdict]:
+        """The verdicts on the claims on curves."""
+        judged = self.judgements.items()
+        return {claim: found.verdict for claim, found in judged if claim.of_reading}
+
+    def count(self, verdict: Verdict) -> int:
+        """How many claims on curves have a verdict."""
+        return [*self.verdicts.values()].count(verdict)
+
+    @cached_property
+    def decades(self) -> Estimate | None:
+        """Mean distance to the quoted rates, ``|log10 (measured / quoted)|``; None where none was measured."""
+        apart = []
+        for claim in QUOTED:
+            if claim in self.judgements:
+                quoted = claim.arguments
+                curves = self.experiments[quoted["experiment"]]
+                place = quoted["receiver"], quoted["at"], quoted["ber"]
+                apart.append(astuple(rates.decades_apart(curves, *place)))
+        return Estimate(*np.mean(apart, axis=0).tolist()) if apart else None
+
+
 Line: TypeAlias = tuple[str | float | None, ...]
-JUDGED = ("measured", "low", "high", "verdict", "reason")
 
 
 def ends_of(found: Estimate | None) -> Line:
@@ -88,117 +147,34 @@ def ends_of(found: Estimate | None) -> Line:
     return (found.value, found.low, found.high) if found else (None,) * 3
 
 
-@dataclass(frozen=True)
-class Fit:
-    """How well a reading fits the paper.
-
-    Args:
-        verdicts: on the claims on curves.
-        decades: mean distance to the quoted rates, ``|log10 (measured / quoted)|``; None without one.
-    """
-
-    verdicts: Mapping[Claim, Verdict]
-    decades: Estimate | None
-
-    def count(self, verdict: Verdict) -> int:
-        """How many claims on curves have a verdict."""
-        return [*self.verdicts.values()].count(verdict)
-
-
-class Scorecard(NamedTuple):
-    """The verdict on each claim under each reading.
-
-    Args:
-        readings: the first is reported in full.
-        judgements: by reading and claim; claims without a measurement are left out, and those that do not
-            depend on the reading stand under the first one alone.
-        fits: by reading.
-    """
-
-    readings: tuple[PaperReading, ...]
-    judgements: Mapping[str, Mapping[Claim, Judgement]]
-    fits: Mapping[str, Fit]
-
-    def judged(self, part: str = "") -> dict[Claim, Judgement]:
-        """The claims under the first reading, of a part such as ``ambient.``."""
-        first = self.judgements[self.readings[0].name]
-        return {claim: first[claim] for claim in first if claim.name.startswith(part)}
-
-    def rows(self) -> Iterable[Line]:
-        """The lines of ``scorecard.csv``, its head first."""
-        yield ("claim", "where", "text", "paper", "reading", *JUDGED)
-        for claim, (reading, judged) in itertools.product(
-            CLAIMS, self.judgements.items()
-        ):
-            if found := judged.get(claim):
-                yield (
-                    claim.name,
-                    claim.where,
-                    claim.text,
-                    claim.paper,
-                    reading * claim.of_reading,
-                    found.measured,
-                    *ends_of(found.interval)[1:],
-                    found.verdict,
-                    found.reason,
-                )
-
-    def fit_rows(self) -> Iterable[Line]:
-        """The lines of ``readings.csv``, its head first."""
-        yield (
-            "reading",
-            *VERDICTS,
-            "decades",
-            "decades_low",
-            "decades_high",
-            "values",
-            "why",
-        )
-        for reading in self.readings:
-            fit = self.fits[reading.name]
-            values = yaml.safe_dump(reading.values, default_flow_style=True, width=999)
+def claim_rows(readings: Sequence[PaperReading]) -> Iterator[Line]:
+    """The lines of ``scorecard.csv``, its head first: each claim under each reading."""
+    head = "claim", "where", "text", "paper", "reading"
+    yield (*head, "measured", "low", "high", "verdict", "reason")
+    for claim, reading in itertools.product(CLAIMS, readings):
+        if found := reading.judgements.get(claim):
             yield (
-                reading.name,
-                *map(fit.count, VERDICTS),
-                *ends_of(fit.decades),
-                values.strip(),
-                reading.why,
+                claim.name,
+                claim.where,
+                claim.text,
+                claim.paper,
+                reading.name * claim.of_reading,
+                found.measured,
+                *ends_of(found.interval)[1:],
+                found.verdict,
+                found.reason,
             )
 
 
-def score(
-    readings: Sequence[PaperReading], evidence: Mapping[str, Evidence]
-) -> Scorecard:
-    """Judge every claim under every reading.
-
-    Args:
-        readings: the first is reported in full.
-        evidence: what was measured, by the reading's name.
-    """
-    judgements, fits = {}, {}
+def fit_rows(readings: Sequence[PaperReading]) -> Iterator[Line]:
+    """The lines of ``readings.csv``, its head first: how well each reading fits the paper."""
+    distance = "decades", "decades_low", "decades_high"
+    yield ("reading", *VERDICTS, *distance, "values", "why")
     for reading in readings:
-        found = evidence[reading.name]
-        judgements[reading.name] = judged = {
-            claim: judgement
-            for claim in CLAIMS
-            if claim.of_reading or reading is readings[0]
-            if (judgement := claim.judge(found))
-        }
-        verdicts = {at: of.verdict for at, of in judged.items() if at.of_reading}
-        fits[reading.name] = Fit(verdicts, distance(found, judged))
-    return Scorecard(tuple(readings), judgements, fits)
-
-
-def distance(evidence: Evidence, judged: Container[Claim]) -> Estimate | None:
-    """Mean distance to the quoted rates, in decades; None where none was measured."""
-    apart = []
-    for claim in QUOTED:
-        if claim in judged:
-            quoted = claim.arguments
-            curves = evidence.experiments[quoted["experiment"]]
-            place = quoted["receiver"], quoted["at"], quoted["ber"]
-            apart.append(astuple(rates.decades_apart(curves, *place)))
-    return Estimate(*np.mean(apart, axis=0).tolist()) if apart else None
+        counts = map(reading.count, VERDICTS)
+        values = yaml.safe_dump(reading.values, default_flow_style=True, width=999)
+        text = values.strip(), reading.why
+        yield (reading.name, *counts, *ends_of(reading.decades), *text)
 
 
 class Assumption(NamedTuple):
@@ -217,20 +193,19 @@ class Assumption(NamedTuple):
     verdicts: float
 
 
-def assumptions(card: Scorecard) -> list[Assumption]:
+def assumptions(readings: Sequence[PaperReading]) -> list[Assumption]:
     """The assumptions in which readings differ, the one that moves the quoted rates most first."""
     changes: dict[str, list[tuple[float, int]]] = {}
-    for first, second in itertools.combinations(card.readings, 2):
+    for first, second in itertools.combinations(readings, 2):
         differing = [
             key
             for key in {**first.values, **second.values}
             if first.values.get(key) != second.values.get(key)
         ]
-        before, after = card.fits[first.name], card.fits[second.name]
-        if len(differing) == 1 and before.decades and after.decades:
+        if len(differing) == 1 and first.decades and second.decades:
             # Both readings have a verdict on the same claims.
-            changed = len(before.verdicts.items() - after.verdicts.items())
-            moved = abs(before.decades.value - after.decades.value)
+            changed = len(first.verdicts.items() - second.verdicts.items())
+            moved = abs(first.decades.value - second.decades.value)
             changes.setdefault(differing[0], []).append((moved, changed))
     found = [
         Assumption(key, len(pairs), *np.mean(pairs, axis=0).tolist())

@@ -75,7 +75,7 @@ def spread(source: Source, title: str, names: Sequence[str]) -> PaperFigure:
     sample, bits = source.sample, source.sample.bits
     figure, axes = plots.sheet(len(names), title)
     numbers = {}
-    for at, name in enumerate(names):
+    for panel, name in zip(axes, names, strict=True):
         parts, label = name.split("+"), LABELS.get(name, "Score of FLDA")
         if name in sample.values:
             values = sample.values[name]
@@ -88,13 +88,13 @@ def spread(source: Source, title: str, names: Sequence[str]) -> PaperFigure:
         if len(parts) == 2:
             line = (*pair.direction.tolist(), float(pair.threshold))
             labels = (LABELS[parts[0]], LABELS[parts[1]])
-            led_plots.status_cloud(axes[at], whole, bits, labels, line)
+            led_plots.status_cloud(panel, whole, bits, labels, line)
         else:
-            led_plots.status_histogram(axes[at], values, bits, label)
+            led_plots.status_histogram(panel, values, bits, label)
         area, wrong = separation(values, bits)
         numbers |= {f"auc_{name}": area, f"wrong_share_{name}": wrong}
         heading = f"{name}\nAUC {area:.4f}, wrong {wrong:.2%}"
-        axes[at].set_title(heading, loc="left", fontsize=10)
+        panel.set_title(heading, loc="left", fontsize=10)
     axes[0].legend(frameon=False)
     if "gri" in names:
         negative = sample.values["gri"] < 0

@@ -61,8 +61,7 @@ class Source:
             VoccError: all of their LEDs are On, or all are Off.
         """
         plan, count = self.plan, self.sample_frames
-        simulator, reader = plan.world.simulator(), plan.receiver.reader
-        link = Link(simulator, None, reader, plan.batch_frames)
+        link = Link.of(plan.locating_with("truth"))
         keys = block_keys(plan.seed, "figures/sample", count)
         parts = list(link.observe(plan.world.scene, keys, preambles=True, frames=count))
         bits = array([part.bits for part in parts]) > 0
