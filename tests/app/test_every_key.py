@@ -203,19 +203,22 @@ def spent(settings):
         worlds = [learned(one.plan)["world"] for one in study.readings]
         return (
             study.names,
-            [counted(one.plan, [*one.locators.values()]) for one in study.every_study],
+            [
+                counted(one.plan, [plan.receiver.locator for plan in one.trained_on])
+                for one in study.studies
+            ],
             worlds,
         )
     if task == "effects":
         scene, names = (
-            learned(study.plan_of(study.scene, "paper")),
+            learned(study.plan_of(study.scene, "paper", 1)),
             (study.shown, study.scene_name),
         )
         return (
             scene,
             names,
             study.pairs,
-            study.severities,
+            study.measured,
             study.config,
             study.plan.budget,
         )

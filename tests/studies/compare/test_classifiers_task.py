@@ -4,20 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_tallies import errors_of
+from made_up_tallies import curves_of, errors_of, spread
 
-from vocc_torch.measure.config import Experiment
 from vocc_torch.measure.frame_errors import Key
-from vocc_torch.measure.plan import ClassifierPlan, World
-from vocc_torch.measure.runner import Outcome
-from vocc_torch.measure.sweep import curves_of
+from vocc_torch.measure.plan import ClassifierPlan
 from vocc_torch.measure.train import Making, Training
 from vocc_torch.plugins import PlugIn
 from vocc_torch.simulation import Distribution
 from vocc_torch.studies.compare import ComparisonConfig
 from vocc_torch.studies.compare.classifiers import (
-    ClassifierStudy,
     classifier_rows,
+    few_frames,
     scene_rows,
 )
 from vocc_torch.studies.compare.figures import curves_figure, scenes_figure
@@ -33,25 +30,12 @@ WRONG = {
 """Wrong bits of each receiver, one a frame where they fit, at 30 and at 70 m."""
 
 
-def errors(wrong):
-    """Wrong bits by key, shared out over the frames as evenly as can be."""
-    frames = np.arange(FRAMES)
-    half = np.array(
-        [2 * (bits // FRAMES + (frames < bits % FRAMES)) for bits in wrong.values()]
-    )
-    return errors_of(half, 64, keys=list(wrong))
-
-
 def curves():
-    keys, outcomes = {name: Key("truth", name) for name in WRONG}, {}
-    for place, value in enumerate((30.0, 70.0)):
-        found = errors({keys[name]: wrong[place] for name, wrong in WRONG.items()})
-        counts = {
-            (key, 0): of for key, of in zip(found.keys, found.counts, strict=True)
-        }
-        outcomes[value] = Outcome(found, counts, "frames")
-    experiment = Experiment("distance", "distance_m", (30.0, 70.0))
-    return curves_of(experiment, keys, outcomes)
+    bits = {
+        value: {name: spread(wrong[place], FRAMES) for name, wrong in WRONG.items()}
+        for place, value in enumerate((30.0, 70.0))
+    }
+    return curves_of(bits, locator="truth")
 
 
 PAIRS = (("paper", "paper"), ("night", "paper"), ("paper", "night"), ("night", "night"))
@@ -75,13 +59,13 @@ def made_up():
     }
     scenes = []
     for tested_on, rows in (("paper", (0, 1)), ("night", (2, 3))):
-        found = errors(
-            {
-                Key("truth", name, number): wrong[name][row]
-                for number, row in enumerate(rows)
-                for name in wrong
-            }
-        )
+        keys = [
+            Key("truth", name, number) for number in range(len(rows)) for name in wrong
+        ]
+        halves = [
+            2 * spread(wrong[name][row], FRAMES) for row in rows for name in wrong
+        ]
+        found = errors_of(np.array(halves), 64, keys=keys)
         scenes += scene_rows(found, tested_on, [PAIRS[row][0] for row in rows])
     every = {"distance": curves()}
     config = ComparisonConfig(reference="flda_3", points={"distance": 70.0})
@@ -133,12 +117,8 @@ def test_a_mix_of_scenes_is_of_those_of_its_home(make_plan):
     plan = make_plan(names=("flda_3",))
     receiver = replace(plan.receiver, names=("flda_3", "net"), classifiers=(NET,))
     plan = replace(plan, receiver=receiver)
-    fog = replace(plan, world=World(device="cpu"))
-    config = ComparisonConfig(
-        reference="flda_3", scene_frames=70, scene_training_frames=64
-    )
-    study = ClassifierStudy(plan, config, "paper", {"far": plan}, {"fog": fog})
-    home, fog = (plan.receiver.classifiers for plan in study.scene_plans.values())
-    assert (home[0].scene, fog[0].scene) == (NET.scene, {})
-    frames = {plan.budget.training_frames for plan in study.scene_plans.values()}
-    assert frames == {64}
+    config = ComparisonConfig(scene_frames=70, scene_training_frames=64)
+    for at_home, scene in ((True, NET.scene), (False, {})):
+        few = few_frames(plan, config, "fog", at_home=at_home)
+        assert few.receiver.classifiers[0].scene == scene
+        assert few.budget.training_frames == 64

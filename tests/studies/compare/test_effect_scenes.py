@@ -1,6 +1,5 @@
 """Which scenes ``task=effects`` compares, and what it refuses."""
 
-import dataclasses
 import functools
 from pathlib import Path
 
@@ -9,7 +8,6 @@ from omegaconf import OmegaConf
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.plan import Budget, Experiment, Plan, ReceiverPlan, World
-from vocc_torch.simulation import Camera, Distribution, SceneModel
 from vocc_torch.simulation.effects import PHYSICAL_ORDER, build_effects
 from vocc_torch.simulation.simulator import PAPER_EFFECTS
 from vocc_torch.studies.compare import EffectsConfig, Severity
@@ -33,28 +31,16 @@ PARTS = {
         "gain": {},
     },
 }
-CAMERA = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
-"""The middle of the paper's sensor: whole frames are a sixteenth of the work."""
-FRAMES = 80
-"""More than a block."""
-MIDDLE = Distribution("constant", (0.0,))
-SCENE = SceneModel(offset_x_m=MIDDLE, offset_y_m=MIDDLE)
 WITHOUT_SEVERITY = {"photoelectrons", "gain", "demosaicing", "saturation"}
 """Two have no parameter, one is part of another, and photoelectrons alone change nothing."""
 
 
-def plan_of(effects=None, batch_frames=64, target=None):
+def plan_of(effects, target=None):
     return Plan(
-        World(
-            CAMERA,
-            scene=SCENE,
-            effects=PAPER_EFFECTS if effects is None else effects,
-            device="cpu",
-        ),
+        World(effects=effects, device="cpu"),
         ReceiverPlan(names=("flda_2", "flda_3")),
         Experiment("effects", "distance_m", (50.0,)),
-        Budget(FRAMES, 48, target),
-        batch_frames=batch_frames,
+        Budget(80, 48, target),
     )
 
 
@@ -64,22 +50,19 @@ def made(
     names=(),
     effects=PAPER_EFFECTS,
     frames=(4, 24, 1),
-    **plan,
+    target=None,
 ):
     """A study, whose frames are those with a locator, those at a severity, and rounds."""
     config = EffectsConfig(list(names), *frames, parts, severity or {})
-    return EffectStudy(plan_of(effects, **plan), config)
+    return EffectStudy(plan_of(effects, target), config)
 
 
 @functools.cache
-def shipped(scene="paper", names=()):
+def shipped(scene="paper"):
     """The shipped study on a shipped scene."""
     severities = {name: Severity(**one) for name, one in SHIPPED["severity"].items()}
-    plan = plan_of(SCENES[scene])
-    whole = dataclasses.replace(plan, world=World(effects=SCENES[scene], device="cpu"))
-    return EffectStudy(
-        whole, EffectsConfig(list(names), 0, 0, 1, SHIPPED["parts"], severities)
-    )
+    config = EffectsConfig([], 0, 0, 1, SHIPPED["parts"], severities)
+    return EffectStudy(plan_of(SCENES[scene]), config)
 
 
 # The shipped catalogue
@@ -115,19 +98,18 @@ def test_two_scenes_differ_in_the_effect_alone(scene):
 
 @pytest.mark.parametrize("name", SHIPPED["severity"])
 def test_severities_change_one_parameter(name):
-    catalogue = shipped()
-    usual, severity = catalogue.usual(name), catalogue.config.severity[name]
-    effect, _, parameter = severity.parameter.partition(".")
+    pair = shipped().pair(name)
+    effect, _, parameter = pair.parameter.partition(".")
     moved = {effect} | ({"attenuation"} if name == "airlight" else set())
-    usually = catalogue.pair(name).present
-    for value in severity.values:
-        scene = catalogue.at(name, value)
+    for value, scene in pair.severities.items():
         assert all(scene[other][parameter] == value for other in moved)
         assert all(
-            scene[other] == usually[other] for other in usually if other not in moved
+            scene[other] == pair.present[other]
+            for other in pair.present
+            if other not in moved
         )
-    if usual is not None:
-        assert min(severity.values) <= usual <= max(severity.values)
+    if pair.usual is not None:
+        assert min(pair.severities) <= pair.usual <= max(pair.severities)
 
 
 def severity(parameter, *values, of="blooming"):

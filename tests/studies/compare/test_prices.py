@@ -19,7 +19,13 @@ from vocc_torch.measure.sweep import curves_of
 from vocc_torch.studies.compare import TradeoffConfig
 from vocc_torch.studies.compare.figures import price_figure
 from vocc_torch.studies.compare.report import flat
-from vocc_torch.studies.compare.tradeoff import PriceList, TradeoffStudy, ranked
+from vocc_torch.studies.compare.tradeoff import (
+    Prices,
+    TradeoffStudy,
+    conditions_of,
+    price_row,
+    ranked,
+)
 
 LEDS, FRAMES = 64, 1000
 NAMES = ("average_greyscale", "flda_2", "flda_3")
@@ -59,13 +65,16 @@ def study(make_plan):
 
 @pytest.fixture
 def prices(study):
-    times = {
-        (name, batch): spent(ms / factor)
-        for name, ms in zip(study.keys, ALONE_MS, strict=True)
-        for batch, factor in ((1, 1), (32, 2))
-    }
-    made = measured(list(study.keys), BIT_ERRORS)
-    return PriceList(study, made, times, "a machine", waited_share=0.2)
+    errors, rows = measured(list(study.keys), BIT_ERRORS), []
+    for batch, factor in ((1, 1), (32, 2)):
+        timed = zip(study.keys.values(), errors, ALONE_MS, strict=True)
+        rows.append(
+            [
+                price_row(study, key, row, batch, spent(ms / factor))
+                for key, row, ms in timed
+            ]
+        )
+    return Prices(rows, [], errors, "")
 
 
 def test_the_frontier_is_what_nothing_beats(prices):
@@ -92,11 +101,11 @@ def test_the_frontier_is_what_nothing_beats(prices):
 
 
 def test_points_have_the_counts_interval_and_the_best_batch(prices):
-    rows = prices.rows()
+    rows = prices.best()
     times = [row["ms"].value for row in rows]
     np.testing.assert_allclose(times, np.array(ALONE_MS) / 2)
     assert {row["batch"] for row in rows} == {32}
-    alone = [row["ms"].value for row in prices.rows(1)]
+    alone = [row["ms"].value for row in prices.rows[0]]
     np.testing.assert_allclose(alone, ALONE_MS)
     assert rows[1]["ber"] == ber_interval(Counts(FRAMES, FRAMES * LEDS, 600, 1200, 300))
     ranks = [row["rank"] for row in rows]
@@ -114,15 +123,16 @@ def test_several_trainings_give_the_algorithms_rate(prices):
     assert apart.low <= 0 < prices.errors.difference(*names[:2], 50.0).low
 
 
-def test_tables_have_a_row_each_and_at_most_fifteen_columns(prices):
-    rows = list(map(flat, prices.rows(1)))
-    assert len(rows) == len(ALONE_MS)
+def test_tables_have_a_row_each_and_at_most_fifteen_columns(prices, study):
+    rows = list(map(flat, prices.ranked()))
+    assert len(rows) == 2 * len(ALONE_MS)
     assert {len(row) for row in rows} == {14}
-    assert "Other work had the processor for 20 % of the time." in prices.conditions()
+    busy = "Other work had the processor for 20 % of the time."
+    assert busy in conditions_of(study, "a machine", 0.2)
 
 
 def test_the_figure_has_a_panel_a_locator_with_the_frontier(prices):
-    first, second = price_figure(prices.rows(), "").axes
+    first, second = price_figure(prices.best(), "").axes
     assert first.get_xlabel() == "Time a frame (ms)"
     assert first.get_ylabel() == "Bit error rate"
     titles = [axes.get_title(loc="left") for axes in (first, second)]

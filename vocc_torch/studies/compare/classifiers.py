@@ -1,13 +1,12 @@
 """``task=classifiers``: many receivers on the same frames, with what they cost, and across scenes."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
-from functools import cached_property
+from dataclasses import astuple, replace
 from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 from vocc_torch.errors import VoccError, demand_least, demand_word, section
-from vocc_torch.measure import sweep
 from vocc_torch.measure.build import build_world
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.curve import COLUMNS, Curves
@@ -31,14 +30,12 @@ from vocc_torch.studies.run import (
     Case,
     Run,
     begin,
-    cases_of,
     scene_plan,
     write_training,
 )
 
 
-@dataclass(frozen=True)
-class ClassifierStudy:
+class ClassifierStudy(NamedTuple):
     """Many receivers along several axes, and across scenes.
 
     Args:
@@ -46,75 +43,16 @@ class ClassifierStudy:
         config: the section of the configuration.
         home: name of the scene.
         plans: by experiment's name; they share world, receivers and budget.
-        scenes: by name, plans of other scenes; empty for none.
+        scene_plans: by name, plans of one kind of scenes, the home first; empty without pairs.
         left_out: receivers that were asked for and cannot be built here, and why.
-
-    Raises:
-        VoccError: no experiment, an unknown name or point, or a number outside its range.
     """
 
     plan: Plan
     config: ComparisonConfig
     home: str
     plans: Mapping[str, Plan]
-    scenes: Mapping[str, Plan] = field(default_factory=dict)
-    left_out: Mapping[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Check names and numbers."""
-        if not self.plans:
-            raise VoccError(
-                "comparison.experiments is empty: it must hold at least one experiment"
-            )
-        names = self.plan.receiver.names
-        demand_word("comparison.reference", self.config.reference, names)
-        for name, value in self.config.points.items():
-            if name not in self.plans:
-                raise VoccError(
-                    f"comparison.points.{name} is no experiment: known are {', '.join(self.plans)}"
-                )
-            if value not in (values := self.plans[name].experiment.values):
-                rule = f"one of {', '.join(f'{known:g}' for known in values)}"
-                raise VoccError.of(f"comparison.points.{name}", f"{value:g}", rule)
-        demand_least(
-            "comparison.", self.config, scene_frames=0, scene_training_frames=2
-        )
-
-    @cached_property
-    def scene_plans(self) -> dict[str, Plan]:
-        """By name, plans of one kind of scenes, the home first; empty without pairs.
-
-        Each trains on few frames of its scenes, and has test frames of its own name.
-        """
-        if not self.scenes or not self.config.scene_frames:
-            return {}
-        return {
-            name: self._elsewhere(name, plan)
-            for name, plan in {self.home: self.plan, **self.scenes}.items()
-        }
-
-    def _elsewhere(self, name: str, plan: Plan) -> Plan:
-        """Give the plan of a kind of scenes, whose classifiers learn from few frames."""
-        most = self.config.scene_training_frames
-        learners = tuple(
-            replace(
-                learner,
-                training=replace(
-                    learner.training, frames=min(most, learner.training.frames)
-                ),
-                frames=learner.frames and min(most, learner.frames),
-                # A classifier's own mix of scenes is of those at home.
-                scene=learner.scene if name == self.home else {},
-            )
-            for learner in plan.receiver.classifiers
-        )
-        training_frames = min(most, plan.budget.training_frames)
-        return replace(
-            plan,
-            receiver=replace(plan.receiver, classifiers=learners),
-            budget=Budget(self.config.scene_frames, training_frames),
-            experiment=replace(plan.experiment, name=f"scenes/{name}"),
-        )
+    scene_plans: Mapping[str, Plan]
+    left_out: Mapping[str, str]
 
 
 def build_classifier_study(
@@ -123,10 +61,16 @@ def build_classifier_study(
     """Build the study that ``task=classifiers`` makes.
 
     Raises:
-        VoccError: a value outside its range, named by its key.
+        VoccError: no experiment, an unknown name or point, or a value outside its range, named by its key.
     """
     plan, left_out = scene_plan(settings)
-    plans, scenes = {}, {}
+    if not comparison.experiments:
+        raise VoccError(
+            "comparison.experiments is empty: it must hold at least one experiment"
+        )
+    demand_word("comparison.reference", comparison.reference, plan.receiver.names)
+    demand_least("comparison.", comparison, scene_frames=0, scene_training_frames=2)
+    plans, home = {}, settings.scene.name
     for name, experiment in comparison.experiments.items():
         key = f"comparison.experiments.{name}"
         if experiment.row_axis:
@@ -137,14 +81,58 @@ def build_classifier_study(
             raise VoccError.of(key, "over contrast", "over a value of a scene")
         with section(key, before="experiment"):
             plans[name] = replace(plan, experiment=experiment)
+    for name, value in comparison.points.items():
+        key = f"comparison.points.{name}"
+        if name not in plans:
+            raise VoccError(f"{key} is no experiment: known are {', '.join(plans)}")
+        if value not in (values := plans[name].experiment.values):
+            rule = f"one of {', '.join(f'{known:g}' for known in values)}"
+            raise VoccError.of(key, f"{value:g}", rule)
+    scenes = {home: plan}
     for name, scene in comparison.scenes.items():
         # The scene of the experiments may be among the shipped ones or not.
-        if name != settings.scene.name:
+        if name != home:
             with section(f"comparison.scenes.{name}", before="scene"):
                 world = build_world(replace(settings, scene=scene))
                 scenes[name] = replace(plan, world=world)
-    return ClassifierStudy(
-        plan, comparison, settings.scene.name, plans, scenes, left_out
+    paired = comparison.scene_frames and len(scenes) > 1
+    scene_plans = {
+        name: few_frames(of_scene, comparison, name, at_home=name == home)
+        for name, of_scene in scenes.items()
+        if paired
+    }
+    return ClassifierStudy(plan, comparison, home, plans, scene_plans, left_out)
+
+
+def few_frames(
+    plan: Plan, config: ComparisonConfig, name: str, *, at_home: bool
+) -> Plan:
+    """Give the plan of a kind of scenes, whose classifiers learn from few frames.
+
+    Args:
+        plan: of these scenes.
+        config: says how many frames.
+        name: of the scenes, for the test frames.
+        at_home: whether a classifier's own mix of scenes holds here.
+    """
+    most = config.scene_training_frames
+    learners = []
+    for learner in plan.receiver.classifiers:
+        recipe = learner.training
+        learners.append(
+            replace(
+                learner,
+                training=replace(recipe, frames=min(most, recipe.frames)),
+                frames=learner.frames and min(most, learner.frames),
+                scene=learner.scene if at_home else {},
+            )
+        )
+    training_frames = min(most, plan.budget.training_frames)
+    return replace(
+        plan,
+        receiver=replace(plan.receiver, classifiers=tuple(learners)),
+        budget=Budget(config.scene_frames, training_frames),
+        experiment=replace(plan.experiment, name=f"scenes/{name}"),
     )
 
 
@@ -165,12 +153,13 @@ def run_classifiers(
     for classifier in first.receiver.classifiers:
         # What cannot be built is refused now, and not when its turn comes.
         plugged.classifier_of(classifier.build, classifier.inputs)
-    others = len(study.scene_plans)
-    with (
-        begin(settings, folder, study.plan, 2 + others + bool(others)) as run,
-        run.pool,
-    ):
-        curves = count_curves(study, run)
+    others, curves = len(study.scene_plans), dict[str, Curves]()
+    stages = 1 + len(study.plans) + others + bool(others)
+    with begin(settings, folder, study.plan, stages) as run, run.pool:
+        run.train(list(study.plans.values()))
+        for name, plan in study.plans.items():
+            stage = f"bit error rates over {name}"
+            (curves[name],) = run.curves(plan, [plan], stage).values()
         lost, scenes = across_scenes(study, run)
     training = run.training(first)
     write_training(settings, first, training, folder)
@@ -197,22 +186,6 @@ def run_classifiers(
         tables={"": list(curves.values())},
         numbers={row["receiver"]: numbers_of(row) for row in rows},
     )
-
-
-def count_curves(study: ClassifierStudy, run: Run) -> dict[str, Curves]:
-    """Train all receivers, and measure them along every axis.
-
-    Raises:
-        VoccError: what cannot be trained, or a worker that was ended from outside.
-    """
-    plans = study.plans
-    run.train(list(plans.values()))
-    cases = [case for plan in plans.values() for case in cases_of(plan, [plan])]
-    outcomes, curves = iter(run.count(cases, "bit error rates")), {}
-    for name, plan in plans.items():
-        points = dict(zip(plan.experiment.values, outcomes, strict=False))
-        curves[name] = sweep.curves_at(plan, plan.receiver.locator, points)
-    return curves
 
 
 def across_scenes(
@@ -297,21 +270,13 @@ def classifier_rows(
         row: TableRow = {"receiver": receiver, **dict(costs)}
         for experiment, value in config.points.items():
             found, place = curves[experiment], f"{experiment}_{value:g}"
-            rates = {row.receiver: row.rate for row in found if row.value == value}
-            row[f"{place}_ber"] = rates[receiver]
-            ratio = ratio_to(config.reference, receiver, found, rates, value)
-            row[f"{place}_ratio"] = ratio
+            row[f"{place}_ber"] = found.rate(receiver, value)
+            row[f"{place}_ratio"] = ratio_to(config.reference, receiver, found, value)
         rows.append(row)
     return rows
 
 
-def ratio_to(
-    reference: str,
-    receiver: str,
-    curves: Curves,
-    rates: Mapping[str, Estimate],
-    value: float,
-) -> Estimate:
+def ratio_to(reference: str, receiver: str, curves: Curves, value: float) -> Estimate:
     """Return a receiver's rate divided by the reference's at a value; blank if the reference has no error.
 
     After several trainings the ratio is that of the algorithms, from the separate intervals of both rates.
@@ -319,8 +284,8 @@ def ratio_to(
     if receiver == reference:
         return BLANK
     if curves.trained:
-        under = rates[reference]
-        return mover_ratio(rates[receiver], under) if under.value else BLANK
+        over, under = (curves.rate(name, value) for name in (receiver, reference))
+        return mover_ratio(over, under) if under.value else BLANK
     counts = curves.counts[reference, value], curves.counts[receiver, value]
     return rate_ratio(*counts, curves.pair(reference, receiver, value)) or BLANK
 
@@ -334,9 +299,8 @@ def print_classifiers(
     """Print a row for each receiver, the best first."""
     columns = {"receiver": "receiver"}
     for name, value in config.points.items():
-        unit = styles.axis_label(tables[name].axis).partition("(")[2].rstrip(")")
-        point = f"{styles.value_text(value)} {unit}".rstrip()
-        columns[f"{name}_{value:g}_ber"] = f"BER at\n{point}"
+        place = styles.place_text(tables[name].axis, value)
+        columns[f"{name}_{value:g}_ber"] = f"BER at\n{place}"
         columns[f"{name}_{value:g}_ratio"] = f"of\n{config.reference}"
     notes = ["Fewest wrong bits over all points first; 95 % intervals over frames."]
     notes += left_out_lines(left_out)

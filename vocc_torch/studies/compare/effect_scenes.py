@@ -1,6 +1,6 @@
 """Which scenes are compared: with and without each effect, one at a time, all together, and over severity."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -34,25 +34,31 @@ def ordered(effects: Effects) -> tuple[str, ...]:
     return tuple(name for name in chain.kinds_of(effects) if name in effects)
 
 
-def fills(effects: Effects) -> bool:
+def fills(effects: Effects | Sequence[chain.Effect]) -> bool:
     """Whether a locator needs frames with these effects rendered whole."""
     return any(effect.fills_sensor for effect in chain.build_effects(effects))
 
 
 class ScenePair(NamedTuple):
-    """Two scenes that differ in one effect, or in several.
+    """Two scenes that differ in one effect, or in several, and how the effect becomes harsher.
 
     Args:
-        name: the effect; ``all together`` for many.
+        name: the effect; ``all together`` for many, empty for the scene itself, in which nothing differs.
         present: the effects of the scene that has it.
         absent: those of the scene that does not, which are among the others.
         in_scene: whether the scene of the study has it.
+        parameter: ``effect.parameter`` of the severity; empty without one.
+        severities: from harmless to harsh, the effects of the scene with the parameter at each value.
+        usual: the parameter's value in ``present``; None if no number.
     """
 
     name: str
     present: Effects
     absent: Effects
     in_scene: bool = False
+    parameter: str = ""
+    severities: Mapping[float, Effects] = {}
+    usual: float | None = None
 
     @property
     def differing(self) -> tuple[str, ...]:
@@ -120,31 +126,15 @@ class EffectStudy:
             if name not in part:
                 raise VoccError(f"{key} has no {name}: it must name the effect itself")
             self._check(self._with_part(name), key)
-        for name in config.names:
-            _demand_known(name, self.known, "effects.names")
+        for key in ("names", "severity"):
+            for name in getattr(config, key):
+                _demand_known(name, self.known, f"effects.{key}")
         for pair in self.every_pair[1:]:
             self._check(pair.present, f"effects.parts.{pair.name}", shown=True)
-        for name, severity in config.severity.items():
-            _demand_known(name, self.known, "effects.severity")
-            self._check_severity(f"effects.severity.{name}", name, severity)
-
-    def _check_severity(self, key: str, name: str, severity: Severity) -> None:
-        """Refuse a severity without parameter or values, and one whose scenes cannot be rendered."""
-        values, scene = list(severity.values), self.pair(name).present
-        if (
-            severity.parameter.partition(".")[0] not in scene
-            or "." not in severity.parameter
-        ):
-            rule = f"effect.parameter of one of {', '.join(scene)}"
-            raise VoccError.of(f"{key}.parameter", repr(severity.parameter), rule)
-        rule = "finite numbers from harmless to harsh, all rising or all falling"
-        for value in values:
-            finite_number(f"{key}.values", value, rule)
-        if not values or sorted(set(values)) not in (values, values[::-1]):
-            raise VoccError.of(f"{key}.values", values, rule)
-        for value in values:
-            said = f"{key}.values has {value}: scene.effects"
-            self._check(self.at(name, value), said, shown=name in self.severities)
+        for name in config.severity:
+            key, shown = f"effects.severity.{name}.values", name in self.measured
+            for value, effects in self.pair(name).severities.items():
+                self._check(effects, f"{key} has {value}: scene.effects", shown=shown)
 
     def _check(self, effects: Effects, key: str, *, shown: bool = False) -> None:
         """Refuse effects that make no chain, and where they are shown, those that this camera cannot show."""
@@ -176,12 +166,18 @@ class EffectStudy:
 
         What cannot stand without the effect is taken away on both sides, so that the two differ in it alone;
         where it cannot stand without the other either, the two differ in both.
+
+        Raises:
+            VoccError: a severity without parameter or values.
         """
         scene = self._with_part(name)
         absent = without(scene, name)
         alone = {**absent, name: scene[name]}
-        present = alone if _buildable(alone) else scene
-        return ScenePair(name, present, absent, name in self.scene)
+        pair = ScenePair(
+            name, alone if _buildable(alone) else scene, absent, name in self.scene
+        )
+        severity = self.config.severity.get(name)
+        return pair if severity is None else with_severity(pair, severity)
 
     @cached_property
     def together(self) -> list[ScenePair]:
@@ -199,8 +195,7 @@ class EffectStudy:
                         f"effects.parts.{pair.name}.{name} is {clash}, and all together need one"
                     )
         absent = {name: scene[name] for name in scene if name not in differing}
-        with section("effects.parts", before="scene.effects"):
-            chain.build_effects(scene)
+        self._check(scene, "effects.parts")
         return [ScenePair(TOGETHER, scene, absent)] * bool(added)
 
     @property
@@ -209,31 +204,10 @@ class EffectStudy:
         return [ScenePair("", self.scene, self.scene), *self.pairs, *self.together]
 
     @property
-    def severities(self) -> dict[str, list[float]]:
-        """The severities to measure, by effect in physical order."""
-        known = self.config.severity if self.config.severity_frames else {}
-        names = [pair.name for pair in self.pairs if pair.name in known]
-        return {name: known[name].values for name in names}
-
-    def at(self, name: str, value: float) -> Effects:
-        """Return the scene with one effect at a severity."""
-        effect, _, parameter = self.config.severity[name].parameter.partition(".")
-        scene = dict(self.pair(name).present)
-        scene[effect] = {**scene[effect], parameter: value}
-        if not _buildable(scene):
-            # There is one air: what another effect calls by the same name is the same.
-            same = [other for other, named in scene.items() if parameter in named]
-            scene |= {other: {**scene[other], parameter: value} for other in same}
-        return scene
-
-    def usual(self, name: str) -> float | None:
-        """Return the value that a severity's parameter has in the table of effects; None if no number."""
-        effect, _, parameter = self.config.severity[name].parameter.partition(".")
-        for built in chain.build_effects(self.pair(name).present):
-            value = getattr(built, parameter, None)
-            if built.name == effect and isinstance(value, int | float):
-                return float(value)
-        return None
+    def measured(self) -> dict[str, ScenePair]:
+        """The pairs whose severities are measured, by effect in physical order."""
+        pairs = self.pairs if self.config.severity_frames else ()
+        return {pair.name: pair for pair in pairs if pair.severities}
 
     def _with_part(self, name: str) -> dict[str, chain.Parameters]:
         """Return the scene with an effect and what it needs; its own parameters hold where they fit."""
@@ -249,7 +223,7 @@ class EffectStudy:
         reference, names = self.plan.receiver.reference, self.plan.receiver.names
         return reference if reference in names else names[-1]
 
-    def plan_of(self, effects: Effects, locator: Locator, frames: int = 1) -> Plan:
+    def plan_of(self, effects: Effects, locator: Locator, frames: int) -> Plan:
         """Return the plan of one scene, read with one locator.
 
         Args:
@@ -269,6 +243,40 @@ class EffectStudy:
         return min(located, frames)
 
 
+def with_severity(pair: ScenePair, severity: Severity) -> ScenePair:
+    """Add the scenes of a severity, which need not make a chain.
+
+    Raises:
+        VoccError: no parameter of the scene's effects, or values that do not rise or fall.
+    """
+    key, values = f"effects.severity.{pair.name}", list(severity.values)
+    effect, _, parameter = severity.parameter.partition(".")
+    if effect not in pair.present or not parameter:
+        rule = f"effect.parameter of one of {', '.join(pair.present)}"
+        raise VoccError.of(f"{key}.parameter", repr(severity.parameter), rule)
+    rule = "finite numbers from harmless to harsh, all rising or all falling"
+    for value in values:
+        finite_number(f"{key}.values", value, rule)
+    if not values or sorted(set(values)) not in (values, values[::-1]):
+        raise VoccError.of(f"{key}.values", values, rule)
+    severities = {}
+    # There is one air: what another effect calls by the same name is the same.
+    alike = [name for name, named in pair.present.items() if parameter in named]
+    for value in values:
+        for names in ([effect], [effect, *alike]):
+            changes = {name: {**pair.present[name], parameter: value} for name in names}
+            severities[value] = {**pair.present, **changes}
+            if _buildable(severities[value]):
+                break
+    built = {part.name: part for part in chain.build_effects(pair.present)}
+    usual = getattr(built[effect], parameter, None)
+    return pair._replace(
+        parameter=severity.parameter,
+        severities=severities,
+        usual=float(usual) if isinstance(usual, int | float) else None,
+    )
+
+
 def build_effect_study(settings: Settings, config: EffectsConfig) -> EffectStudy:
     """Build the study that ``task=effects`` makes.
 
@@ -279,10 +287,12 @@ def build_effect_study(settings: Settings, config: EffectsConfig) -> EffectStudy
     if (shown := settings.receiver.save) not in (None, *settings.receiver.names):
         rule = "null or of receiver.names: task=effects shows it"
         raise VoccError.of("receiver.save", repr(shown), rule)
-    parts, severities = {}, {}
-    for name, part in effect_settings(config.parts, "effects.parts").items():
-        parts[name] = effect_settings(part or {}, f"effects.parts.{name}")
-    for name, severity in effect_settings(config.severity, "effects.severity").items():
+    parts = {
+        name: effect_settings(part or {}, f"effects.parts.{name}")
+        for name, part in effect_settings(config.parts, "effects.parts").items()
+    }
+    severities = dict(effect_settings(config.severity, "effects.severity"))
+    for name, severity in severities.items():
         with section(f"effects.severity.{name}"):
             severities[name] = typed(Severity, severity or {})
     config = replace(config, parts=parts, severity=severities)

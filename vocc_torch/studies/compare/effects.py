@@ -5,11 +5,10 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, replace
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from vocc_torch.arrays import Floats
 from vocc_torch.measure import link, timing
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.estimate import Estimate
@@ -18,13 +17,10 @@ from vocc_torch.measure.paired import paired_interval
 from vocc_torch.measure.plan import Locator
 from vocc_torch.report.terminal import TableRow, print_rows
 from vocc_torch.rng import FrameKey
-from vocc_torch.simulation.effects import Effect, build_effects
 from vocc_torch.studies.compare import EffectsConfig, figures
 from vocc_torch.studies.compare.effect_scenes import (
     TOGETHER,
-    Effects,
     EffectStudy,
-    ScenePair,
     build_effect_study,
     fills,
 )
@@ -40,69 +36,57 @@ KINDS = ("near", "located")
 """What is rendered: the panel's surroundings, or what a locator needs."""
 
 
-class Costs(NamedTuple):
-    """Times of all scenes.
-
-    Args:
-        times: ms a frame round by round, by kind and by a scene's effects as they are built.
-        machine: what was measured on.
-        waited_share: share of the timing during which this process did not have the processor, 0 to 1.
-    """
-
-    times: Mapping[tuple[str, tuple[Effect, ...]], Floats]
-    machine: str
-    waited_share: float
-
-    def added(self, kind: str, pair: ScenePair) -> Estimate:
-        """Give what an effect adds, ms a frame: median and quartiles; of a scene itself, its whole time.
-
-        What it adds is taken within each round, since a busy spell of the machine meets both.
-        """
-        present, absent = build_effects(pair.present), build_effects(pair.absent)
-        if present == absent:
-            return timing.median_of(self.times[kind, present])
-        # Without an effect that fills the sensor a locator gets the very crops.
-        kind = kind if fills(pair.present) else "near"
-        return timing.median_of(self.times[kind, present] - self.times[kind, absent])
-
-
-def measure_costs(study: EffectStudy) -> Costs:
+def measure_costs(study: EffectStudy) -> tuple[dict[str, TableRow], TableRow]:
     """Time every scene in rounds that meet all of them: near the panel, and for a locator.
 
     On the CPU with one thread, as each worker has: times then say what a core does, and other work on the
     machine does not make threads wait for each other.
+
+    Returns:
+        By a pair's name the cells of what the effect adds, ms a frame: median and quartiles over the rounds;
+        of the scene itself the whole time. And the cells of what was measured on.
     """
     plan, world = study.plan, study.plan.world
     device, model = resolve_device(world.device), world.scene
-    scenes = {
-        build_effects(effects): effects
-        for pair in study.every_pair
-        for effects in (pair.absent, pair.present)
-    }
     key = link.block_keys(plan.seed, plan.experiment.name, 1)[0]
     scene, bits = model.draw(key, world.panel.shape)
-    counts, calls = {}, {}
-    for kind, (built, effects) in itertools.product(KINDS, scenes.items()):
-        near, place = kind == "near", (kind, built)
+    renderings, simulators = {}, {}
+    for pair, kind in itertools.product(study.every_pair, KINDS):
+        # Without an effect that fills the sensor a locator gets the very crops.
+        near, places = kind == "near" or not fills(pair.present), []
+        for named in (pair.present, pair.absent):
+            simulator = replace(world, effects=named, framing="crop").simulator()
+            places.append((near, simulator.effects))
+            simulators[places[-1]] = simulator
+        renderings[pair.name, kind] = places
+    frames, calls = {}, {}
+    for place, simulator in simulators.items():
+        near, effects = place
         whole = not near and fills(effects)
-        counts[place] = 1 if whole else min(plan.batch_frames, NEAR_FRAMES)
-        rows = slice(counts[place])
+        frames[place] = count = 1 if whole else min(plan.batch_frames, NEAR_FRAMES)
         # The same frames at each call.
         calls[place] = functools.partial(
-            replace(world, effects=effects, framing="crop").simulator().render,
-            scene[rows].to(device),
-            bits[rows].to(device),
-            keys=[FrameKey(key, frame) for frame in range(counts[place])],
+            simulator.render,
+            scene[:count].to(device),
+            bits[:count].to(device),
+            keys=[FrameKey(key, frame) for frame in range(count)],
             nearest_m=model.nearest_m,
             panel_only=near,
         )
     with timing.threads(1), timing.watched(device) as waiting:
         timed = timing.interleaved(calls, study.config.repeats, device, warm_up=1)
         machine = timing.describe_machine(device)
-    times = {
-        place: 1000 * np.array(spent) / counts[place] for place, spent in timed.items()
-    }
-    return Costs(times, machine, waiting.share)
+    costs: dict[str, TableRow] = {}
+    for (name, kind), places in renderings.items():
+        present, absent = (
+            1000 * np.array(timed[place]) / frames[place] for place in places
+        )
+        # A busy spell of the machine meets both scenes of a round.
+        added = timing.median_of(present - absent if name else present)
+        cell = Estimate(*(round(ms, 4) for ms in astuple(added)))
+        costs.setdefault(name, {})[f"{kind}_ms"] = cell
+    waited = round(waiting.share, 4)
+    return costs, {"machine": machine, "waited_share": waited}
 
 
 Place: TypeAlias = tuple[str, Locator, str | float]
@@ -120,24 +104,22 @@ def count_errors(study: EffectStudy, run: Run) -> Errors:
     Raises:
         VoccError: no panel in any training frame, or a worker that was ended from outside.
     """
-    cases = {}
-
-    def add(place: Place, effects: Effects, frames: int, *met: Effects) -> None:
-        sources = [study.plan_of(scene, place[1]) for scene in met]
-        if frames:
-            cases[place] = Case(study.plan_of(effects, place[1], frames), sources)
-
+    cases: dict[Place, Case] = {}
     single = [pair for pair in study.every_pair if pair.name != TOGETHER]
     for locator, pair in itertools.product(("paper", "truth"), single):
-        frames = study.frames_with(locator, pair.present)
-        retrained = [pair.present] * (locator == "truth" and pair.name != "")
-        add((pair.name, locator, "with"), pair.present, frames, pair.absent, *retrained)
-        add((pair.name, locator, "without"), pair.absent, frames, pair.absent)
-    for name, values in study.severities.items():
-        pair, frames = study.pair(name), study.config.severity_frames
-        for value in values:
-            met = pair.absent, pair.present
-            add((name, "truth", value), study.at(name, value), frames, *met)
+        if frames := study.frames_with(locator, pair.present):
+            present = study.plan_of(pair.present, locator, frames)
+            absent = study.plan_of(pair.absent, locator, frames)
+            retrained = [present] * (locator == "truth" and pair.name != "")
+            cases[pair.name, locator, "with"] = Case(present, [absent, *retrained])
+            cases[pair.name, locator, "without"] = Case(absent, [absent])
+    for name, pair in study.measured.items():
+        present, absent, *scenes = (
+            study.plan_of(effects, "truth", study.config.severity_frames)
+            for effects in (pair.present, pair.absent, *pair.severities.values())
+        )
+        for value, tested in zip(pair.severities, scenes, strict=True):
+            cases[name, "truth", value] = Case(tested, [absent, present])
     run.train([plan for case in cases.values() for plan in case.trained_on])
     counted = run.count(list(cases.values()))
     return {
@@ -165,11 +147,11 @@ def run_effects_task(settings: Settings, effects: EffectsConfig, folder: Path) -
     study = build_effect_study(settings, effects)
     with begin(settings, folder, study.plan, 3) as run:
         with run.stage("times", 1):
-            costs = measure_costs(study)
+            costs, measured_on = measure_costs(study)
         with run.pool:
             errors = count_errors(study, run)
     tables = {
-        "effects": effect_rows(study, costs, errors),
+        "effects": effect_rows(study, costs, errors, measured_on),
         "severity": severity_rows(study, errors),
     }
     shown = [row for row in tables["effects"] if row["receiver"] == study.shown]
@@ -183,19 +165,25 @@ def run_effects_task(settings: Settings, effects: EffectsConfig, folder: Path) -
     write_report(settings, folder, tables, drawn)
 
 
-def effect_rows(study: EffectStudy, costs: Costs, errors: Errors) -> list[TableRow]:
+def effect_rows(
+    study: EffectStudy,
+    costs: Mapping[str, TableRow],
+    errors: Errors,
+    measured_on: TableRow,
+) -> list[TableRow]:
     """Give the rows of ``effects.csv``: the scene itself, each effect, and all together, by receiver.
 
-    ``row`` is ``scene``, ``effect`` or ``together``. A cost is a median with its quartiles over the rounds, ms
-    a frame: of the scene itself, else what is added to it. ``real`` says whether the 95 % interval of the
-    change excludes 0; ``missed_with`` counts frames without a panel found.
+    ``row`` is ``scene``, ``effect`` or ``together``. ``real`` says whether the 95 % interval of the change
+    excludes 0; ``missed_with`` counts frames without a panel found.
+
+    Args:
+        study: what was compared.
+        costs: cells of the times by a pair's name.
+        errors: what was counted.
+        measured_on: further cells of all rows.
     """
-    about: TableRow = {
-        "training_frames": study.plan.budget.training_frames,
-        "scene": study.scene_name,
-        "machine": costs.machine,
-        "waited_share": round(costs.waited_share, 4),
-    }
+    frames = study.plan.budget.training_frames
+    about = {"training_frames": frames, "scene": study.scene_name, **measured_on}
     rows, kinds = [], {"": "scene", TOGETHER: "together"}
     for name, pair in itertools.product(study.plan.receiver.names, study.every_pair):
         row: TableRow = {
@@ -205,10 +193,8 @@ def effect_rows(study: EffectStudy, costs: Costs, errors: Errors) -> list[TableR
             "in_scene": int(pair.in_scene) if pair.name else None,
             "fills_sensor": int(pair.fills_sensor) if pair.name else None,
             "receiver": name,
+            **costs[pair.name],
         }
-        for kind in KINDS:
-            spent = astuple(costs.added(kind, pair))
-            row[f"{kind}_ms"] = Estimate(*(round(ms, 4) for ms in spent))
         for reading, (locator, training) in READINGS.items():
             present = errors.get((pair.name, locator, "with", name, training))
             absent = errors.get((pair.name, locator, "without", name, 0))
@@ -252,13 +238,13 @@ def severity_rows(study: EffectStudy, errors: Errors) -> list[TableRow]:
     for (effect, _, value, name, number), found in errors.items():
         if isinstance(value, str):
             continue
-        (counts,) = found.counts
+        (counts,), pair = found.counts, study.measured[effect]
         rows.append(
             {
                 "effect": effect,
-                "parameter": study.config.severity[effect].parameter,
+                "parameter": pair.parameter,
                 "value": value,
-                "in_table": int(value == study.usual(effect)),
+                "in_table": int(value == pair.usual),
                 "receiver": name,
                 "trained": ("without", "with")[number],
                 **counted(counts),

@@ -53,12 +53,11 @@ def curves_figure(
     label, panels = looks[reference].label, list[Panel]()
     for row, (name, look) in zip(rows, looks.items(), strict=True):
         drawn = {reference: Style(label, "#D55E00", "", "-"), name: SHOWN}
-        points = [point for receiver in drawn for point in table.of(receiver)]
         title = f"{len(panels) + 1}. {look.label}"
         ratio = row.get(f"{place}_ratio", BLANK)
         if ratio is not BLANK:
             title += f"\n{ratio_text(ratio)} at {place.rpartition('_')[2]}"
-        panels.append(plots.table_panel(curve.BerTable(points), title, drawn))
+        panels.append(plots.table_panel(table, title, drawn))
     frames = styles.range_text(row.frames for row in table)
     note = (
         f"{frames} frames a point{DOT}locator: {table.locators[0]}{DOT}fractions and"
@@ -168,14 +167,13 @@ def severity_figure(study: EffectStudy, rows: Sequence[TableRow]) -> Figure:
         rows: of ``severity.csv``.
     """
     panels = []
-    for name, values in study.severities.items():
+    for name, pair in study.measured.items():
         curves = []
         for trained, style in zip(("without", "with"), READINGS.values(), strict=True):
             place = {"effect": name, "receiver": study.shown, "trained": trained}
             rates = [row["ber"] for row in rows if place.items() <= row.items()]
-            curves.append(Curve(style, values, rates))
-        parameter = study.config.severity[name].parameter.partition(".")[2]
-        panels.append(Panel(curves, name, parameter))
+            curves.append(Curve(style, [*pair.severities], rates))
+        panels.append(Panel(curves, name, pair.parameter.partition(".")[2]))
     note = (
         f"{study.config.severity_frames} frames a point, the same in all, true corners{DOT}bars: 95 %"
         f" intervals{DOT}arrows: no errors, one-sided limit{DOT}dashed upright line: the value in the table"
@@ -183,10 +181,10 @@ def severity_figure(study: EffectStudy, rows: Sequence[TableRow]) -> Figure:
     )
     title = titled(study, "Bit error rate over each effect's severity")
     figure = plots.curve_figure(panels, title, note, SETTINGS.severities)
-    for axes, (name, values) in zip(figure.axes, study.severities.items(), strict=True):
+    for axes, pair in zip(figure.axes, study.measured.values(), strict=True):
+        values, usual = [*pair.severities], pair.usual
         if values[0] > values[-1]:
             axes.invert_xaxis()
-        usual = study.usual(name)
         if usual is not None and min(values) <= usual <= max(values):
             axes.axvline(usual, color=LOOK.quiet, linewidth=0.9, linestyle="--")
     return figure

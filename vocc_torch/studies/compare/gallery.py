@@ -63,16 +63,15 @@ def gallery_pictures(study: EffectStudy) -> Iterator[Picture]:
     def rendered(effects: Effects, draw: int = 0) -> Bytes:
         simulator = replace(world, effects=effects, framing="full").simulator()
         keys = [FrameKey(block, draw)]
-        grey = simulator.render(scene, bits[:1], keys=keys).grey[0, 0]
-        return np.asarray(grey.clamp(0, 255).round().byte().cpu())
+        frames = simulator.render(scene, bits[:1], keys=keys)
+        pixels: Bytes = replace(frames, colour=None).pixels[0]
+        return pixels
 
     plain = rendered(study.scene)
     yield Picture(plain[place], "the scene itself")
     for pair in study.pairs:
-        scenes, name = [pair.present], " + ".join(pair.differing)
-        if severity := study.config.severity.get(pair.name):
-            # From harmless to harsh.
-            scenes = [study.at(pair.name, value) for value in severity.values]
+        name = " + ".join(pair.differing)
+        scenes = list(pair.severities.values()) or [pair.present]
         for draw in range(SETTINGS.draws):
             frame = rendered(scenes[-1], draw)
             if differs(frame, plain):

@@ -6,11 +6,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vocc_torch.errors import VoccError, demand_least, demand_word, whole_number
-from vocc_torch.measure import estimate, link, stage_times, sweep, timing
+from vocc_torch.measure import estimate, link, sweep, timing
 from vocc_torch.measure.config import Settings
-from vocc_torch.measure.curve import Curves
+from vocc_torch.measure.curve import Curves, Row
 from vocc_torch.measure.frame_errors import Key
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.stage_times import (
+    STAGES,
+    Exposure,
+    StageTimes,
+    TimedReceiver,
+    time_stages,
+)
+from vocc_torch.measure.train import Making
 from vocc_torch.receiver.deciders import needs_preambles
 from vocc_torch.report.terminal import TableRow, print_rows
 from vocc_torch.simulation.simulator import Framing
@@ -80,61 +88,35 @@ class TradeoffStudy:
         }
 
 
-class PriceList(NamedTuple):
-    """All that was measured.
+class Prices(NamedTuple):
+    """What was measured.
 
     Args:
-        study: what was to be measured.
-        errors: of every receiver by its name in the study, at one value.
-        times: the stages' times, by that name and the batch.
-        machine: what was measured on.
-        waited_share: share of the time in which other work had the processor, 0 to 1.
+        rows: by batch, a row of ``tradeoff.csv`` for each receiver and locator; ``ms`` is the median time a
+            frame with its quartiles.
+        stages: the rows of ``stages.csv``: each stage's median time a frame, and what training took.
+        errors: of the receivers in the order of the rows, at one value.
+        conditions: what the rows rest on, in words.
     """
 
-    study: TradeoffStudy
+    rows: Sequence[Sequence[TableRow]]
+    stages: Sequence[TableRow]
     errors: Curves
-    times: Mapping[tuple[str, int], stage_times.StageTimes]
-    machine: str
-    waited_share: float = 0.0
+    conditions: str
 
-    def rows(self, *batches: int) -> list[TableRow]:
-        """Give rows of ``tradeoff.csv``: each receiver with the quickest of some batches; of all by default.
+    def ranked(self) -> list[TableRow]:
+        """Give the rows of all batches; each is compared with those of its batch."""
+        return [row for rows in self.rows for row in ranked(rows, self.errors)]
 
-        ``ms`` is the median time a frame with its quartiles. ``rank`` compares the rows.
-        """
-        study, rows = self.study, []
-        for (name, key), error in zip(study.keys.items(), self.errors, strict=True):
-            totals = {
-                batch: self.times[name, batch].total
-                for batch in batches or study.config.batch_sizes
-            }
-            best = min(totals, key=lambda batch: totals[batch].value)
-            rows.append(
-                {
-                    "receiver": key.receiver,
-                    "locator": key.locator,
-                    "device": str(resolve_device(study.plan.world.device)),
-                    "frames": study.config.frames,
-                    "batch": best,
-                    "ms": totals[best],
-                    "scenes": study.scene_name,
-                    "test_frames": error.frames,
-                    "ber": error.rate,
-                }
-            )
-        return ranked(rows, self.errors)
+    def best(self) -> list[TableRow]:
+        """Give each receiver with the batch in which it is quickest."""
+        batches = zip(*self.rows, strict=True)
+        return ranked([min(rows, key=milliseconds) for rows in batches], self.errors)
 
-    def conditions(self) -> str:
-        """Say what the prices rest on."""
-        study, (first, *_) = self.study, self.errors
-        handed = "whole frames" if study.config.frames == "whole" else "crops"
-        text = (
-            f"{first.frames} frames of the scene {study.scene_name}, the same for all;"
-            f" times on {handed} in each receiver's best batch; {self.machine}."
-        )
-        if self.waited_share >= SETTINGS.busy_share:
-            text += f" Other work had the processor for {100 * self.waited_share:.0f} % of the time."
-        return text
+
+def milliseconds(row: TableRow) -> float:
+    """Give the time a frame of a row."""
+    return float(row["ms"].value)
 
 
 def ranked(rows: Sequence[TableRow], errors: Curves) -> list[TableRow]:
@@ -170,29 +152,22 @@ def run_tradeoff(settings: Settings, config: TradeoffConfig, folder: Path) -> No
     """
     study = build_tradeoff_study(settings, config)
     with begin(settings, folder, study.plan, 3) as run:
-        prices, stages = price_receivers(study, run)
+        prices = price_receivers(study, run)
     columns = {name: name for name in ("receiver", "locator", "batch", "ms")}
     columns |= {"ber": "BER", "rank": ""}
     note = "frontier: no receiver is quicker and better; beaten: one is; perhaps: one may be"
-    best, conditions = prices.rows(), prices.conditions()
-    lines = [note, "", conditions, *left_out_lines(study.left_out)]
-    quickest = sorted(best, key=lambda row: row["ms"].value)
-    print_rows(quickest, columns, "\n".join(lines))
-    every = [
-        rounded(row) for batch in study.config.batch_sizes for row in prices.rows(batch)
-    ]
-    runs = {
-        f"{row['receiver']}-{row['locator']}": (
-            {"receiver": row["receiver"], "locator": row["locator"]},
-            numbers_of(row),
-        )
-        for row in every
-    }
+    lines = [note, "", prices.conditions, *left_out_lines(study.left_out)]
+    best = prices.best()
+    print_rows(sorted(best, key=milliseconds), columns, "\n".join(lines))
+    every, runs = list(map(rounded, prices.ranked())), {}
+    for row in every:
+        place = {name: row[name] for name in ("receiver", "locator")}
+        runs["-".join(place.values())] = (place, numbers_of(row))
     write_report(
         settings,
         folder,
-        {"tradeoff": every, "stages": list(map(rounded, stages))},
-        {"tradeoff": figures.price_figure(best, conditions)},
+        {"tradeoff": every, "stages": list(map(rounded, prices.stages))},
+        {"tradeoff": figures.price_figure(best, prices.conditions)},
         runs=runs,
     )
 
@@ -212,29 +187,25 @@ def build_tradeoff_study(settings: Settings, config: TradeoffConfig) -> Tradeoff
     return TradeoffStudy(plan, config, settings.scene.name, left_out)
 
 
-def price_receivers(study: TradeoffStudy, run: Run) -> tuple[PriceList, list[TableRow]]:
+def price_receivers(study: TradeoffStudy, run: Run) -> Prices:
     """Train every receiver, count errors, and take times once the workers have ended.
 
     Frames lie as uint8 in the host's memory while times are taken; rendering is not timed.
-
-    Returns:
-        What was measured, and the rows of ``stages.csv``: each stage's median time a frame, and what training
-        took.
 
     Raises:
         VoccError: what training refuses, or a worker that was ended from outside.
     """
     plan, config, experiment = study.plan, study.config, study.plan.experiment
-    trained = {locator: plan.locating_with(locator) for locator in config.locators}
+    trained_on = [plan.locating_with(locator) for locator in config.locators]
     with run.pool:
-        run.train(list(trained.values()))
-        (outcome,) = run.count([Case(plan, list(trained.values()))])
-    trainings = {locator: run.training(of) for locator, of in trained.items()}
+        run.train(trained_on)
+        (outcome,) = run.count([Case(plan, trained_on)])
+    trainings = dict(zip(config.locators, map(run.training, trained_on), strict=True))
     errors = sweep.curves_of(experiment, study.keys, {experiment.values[0]: outcome})
     device = resolve_device(plan.world.device)
     finders = plan.receiver.finders(config.locators)
     receivers = {
-        name: stage_times.TimedReceiver(
+        name: TimedReceiver(
             trainings[key.locator].bank([key.receiver])[key.receiver],
             plan.receiver.reader,
             finders[key.locator],
@@ -242,14 +213,14 @@ def price_receivers(study: TradeoffStudy, run: Run) -> tuple[PriceList, list[Tab
         for name, key in study.keys.items()
     }
     frames = max(SETTINGS.least_frames, *config.batch_sizes)
-    times: dict[tuple[str, int], stage_times.StageTimes] = {}
+    by_batch, stages = list[list[TableRow]](), list[TableRow]()
     with (
         run.stage("times", len(config.batch_sizes)) as advance,
         timing.threads(config.threads),
         timing.watched(device) as waiting,
     ):
         machine = timing.describe_machine(device)
-        exposure = stage_times.Exposure.of(
+        exposure = Exposure.of(
             replace(plan.world, framing=FRAMINGS[config.frames]),
             plan.world.scene,
             link.block_keys(plan.seed, experiment.name, frames),
@@ -257,26 +228,67 @@ def price_receivers(study: TradeoffStudy, run: Run) -> tuple[PriceList, list[Tab
         )
         for batch in config.batch_sizes:
             rounds = max(config.repeats, -(-SETTINGS.least_frames // batch))
-            timed = stage_times.time_stages(receivers, exposure, batch, rounds, device)
-            times |= {(name, batch): spent for name, spent in timed.items()}
+            timed = time_stages(receivers, exposure, batch, rounds, device)
+            compared = zip(study.keys.values(), errors, timed.values(), strict=True)
+            by_batch.append([])
+            for key, error, spent in compared:
+                cost = trainings[key.locator].making(key.receiver)
+                by_batch[-1].append(price_row(study, key, error, batch, spent))
+                stages.append(stage_row(key, batch, spent, cost))
             advance(1)
-    stages = []
-    for (name, batch), spent in times.items():
-        key = study.keys[name]
-        cost = trainings[key.locator].making(key.receiver)
-        stages.append(
-            {
-                "receiver": key.receiver,
-                "locator": key.locator,
-                "batch": batch,
-                **{f"{of}_ms": spent.stage(of).value for of in stage_times.STAGES},
-                "training_s": cost.training_s,
-                "training_frames": cost.frames,
-                "parameters": cost.parameters,
-                "size_bytes": cost.size_bytes,
-            }
+    conditions = conditions_of(study, machine, waiting.share)
+    return Prices(by_batch, stages, errors, conditions)
+
+
+def price_row(
+    study: TradeoffStudy, key: Key, error: Row, batch: int, spent: StageTimes
+) -> TableRow:
+    """Give a receiver's row of ``tradeoff.csv`` in a batch, without its rank."""
+    return {
+        "receiver": key.receiver,
+        "locator": key.locator,
+        "device": str(resolve_device(study.plan.world.device)),
+        "frames": study.config.frames,
+        "batch": batch,
+        "ms": spent.total,
+        "scenes": study.scene_name,
+        "test_frames": error.frames,
+        "ber": error.rate,
+    }
+
+
+def stage_row(key: Key, batch: int, spent: StageTimes, cost: Making) -> TableRow:
+    """Give a receiver's row of ``stages.csv`` in a batch."""
+    return {
+        "receiver": key.receiver,
+        "locator": key.locator,
+        "batch": batch,
+        **{f"{stage}_ms": spent.stage(stage).value for stage in STAGES},
+        "training_s": cost.training_s,
+        "training_frames": cost.frames,
+        "parameters": cost.parameters,
+        "size_bytes": cost.size_bytes,
+    }
+
+
+def conditions_of(study: TradeoffStudy, machine: str, waited_share: float) -> str:
+    """Say what the prices rest on.
+
+    Args:
+        study: what was measured.
+        machine: what times were taken on.
+        waited_share: share of the time in which other work had the processor, 0 to 1.
+    """
+    handed = "whole frames" if study.config.frames == "whole" else "crops"
+    text = (
+        f"{study.plan.budget.frames} frames of the scene {study.scene_name}, the same for all;"
+        f" times on {handed} in each receiver's best batch; {machine}."
+    )
+    if waited_share >= SETTINGS.busy_share:
+        text += (
+            f" Other work had the processor for {100 * waited_share:.0f} % of the time."
         )
-    return PriceList(study, errors, times, machine, waiting.share), stages
+    return text
 
 
 def rounded(row: TableRow) -> TableRow:
