@@ -1,6 +1,5 @@
 """``task=export``: the package's own frames, with their truth, whatever ends the run or shares it out."""
 
-import csv
 import shutil
 import signal
 import subprocess
@@ -11,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from pycocotools.coco import COCO
+from run_files import contents_of, rows_of
 from running import run_in
 
 from vocc_torch.rng import BlockKey, FrameKey
@@ -53,20 +53,11 @@ def words_of(*words, name="x"):
     )
 
 
-def rows_of(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def files_in(folder):
+def files_of(folder):
     """Every file but the configuration, which says by how many workers."""
-    every = (path for path in folder.rglob("*") if path.is_file())
-    own = ("config.yaml",)
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in every
-        if path.name not in own
-    }
+    files = contents_of(folder)
+    del files["config.yaml"]
+    return files
 
 
 def corners_of(row):
@@ -93,15 +84,9 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(
     folder = tmp_path / "runs" / "x"
     (plan,), rows = plans, iter(rows_of(folder / "truth.csv"))
     coco, simulator = COCO(str(folder / "coco.json")), plan.world.simulator()
-    images, crop, frames = (
-        coco.loadImgs(coco.getImgIds()),
-        plan.world.framing == "crop",
-        0,
-    )
+    images, crop = iter(coco.loadImgs(coco.getImgIds())), plan.world.framing == "crop"
     points = "test" if "export.points=test" in words else "train"
-    count = int(
-        next(word for word in words if "export.frames" in word).partition("=")[2]
-    )
+    count = int(next(word for word in words if "export.frames" in word)[14:])
     for point, model in export.sweep.scenes_of(plan, points).items():
         for block in range(-(-count // 64)):
             key, most = BlockKey(plan.seed, point, block), min(64, count - 64 * block)
@@ -112,54 +97,42 @@ def test_pictures_are_the_simulators_and_the_truth_is_that_of_its_scenes(
             seen = simulator.render(
                 scene, bits, nearest_m=model.nearest_m, keys=keys, panel_only=crop
             )
-            corners = (
-                simulator.true_panels(scene, keys).corners_px - seen.origin_px[:, None]
-            )
-            further = simulator.further_bits(scene, keys)
+            true = simulator.true_panels(scene, keys).corners_px
+            corners = (true - seen.origin_px[:, None]).numpy()
+            sent = {"bits": bits} | {
+                f"bits_{name}": values
+                for name, values in simulator.further_bits(scene, keys).items()
+            }
             for frame in range(most):
-                row, image = next(rows), images[frames]
+                row, image = next(rows), next(images)
                 picture = cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED)
                 # Blue first, as OpenCV has it.
                 shown = picture if picture.ndim == 2 else picture[..., ::-1]
                 assert np.array_equal(shown, seen.pixels[frame])
-                assert (row["seed"], row["point"], row["block"], row["frame"]) == (
-                    "0",
-                    point,
-                    str(block),
-                    str(frame),
-                )
-                assert [row["origin_x_px"], row["origin_y_px"]] == [
-                    str(at) for at in seen.origin_px[frame].tolist()
-                ]
-                assert row["bits"] == "".join(
-                    str(int(bit)) for bit in bits[frame].flatten()
-                )
-                assert np.array_equal(corners_of(row), corners[frame].numpy())
+                assert np.array_equal(corners_of(row), corners[frame])
+                origin = dict(zip("xy", seen.origin_px[frame].tolist(), strict=True))
+                stated = {"seed": 0, "point": point, "block": block, "frame": frame}
+                stated |= {f"origin_{axis}_px": at for axis, at in origin.items()}
+                assert {name: row[name] for name in stated} == {
+                    name: str(value) for name, value in stated.items()
+                }
                 values = {
                     name: float(getattr(scene, name)[frame])
                     for name in Scene.__dataclass_fields__
                 }
                 assert {name: float(row[name]) for name in values} == values
-                (annotation,) = coco.loadAnns(coco.getAnnIds(imgIds=[image["id"]]))
+                assert {name: image[name] for name in values} == values
                 assert image["file_name"] == row["file"]
                 assert (image["height"], image["width"]) == picture.shape[:2]
-                assert {name: image[name] for name in values} == values
+                (annotation,) = coco.loadAnns(coco.getAnnIds(imgIds=[image["id"]]))
                 keypoints = np.array(annotation["keypoints"]).reshape(4, 3)
-                assert np.array_equal(keypoints[:, :2], corners_of(row))
+                assert np.array_equal(keypoints[:, :2], corners[frame])
                 assert (keypoints[:, 2] == 2).all()
-                assert annotation["bits"] == row["bits"]
-                for name in ("second", "third"):
-                    sent = (
-                        further[name][frame].flatten().int().tolist() if further else []
-                    )
-                    assert (
-                        row[f"bits_{name}"]
-                        == "".join(map(str, sent))
-                        == annotation.get(f"bits_{name}", "")
-                    )
-                frames += 1
-    assert next(rows, None) is None
-    assert len(images) == frames
+                for name in ("bits", "bits_second", "bits_third"):
+                    shown = sent[name][frame].flatten().int() if name in sent else []
+                    text = "".join(str(int(bit)) for bit in shown)
+                    assert row[name] == annotation.get(name, "") == text
+    assert next(rows, next(images, None)) is None
     assert coco.loadCats(coco.getCatIds())[0]["keypoints"] == list(truth.KEYPOINTS)
 
 
@@ -214,12 +187,8 @@ def test_a_killed_run_of_two_workers_goes_on_in_one_to_the_bytes_of_an_undisturb
     half.mkdir(exist_ok=True)
     (half / "0000960.png").write_bytes(b"another")
     assert "resuming" in app(*words_of(LONG)).out
-    assert files_in(folder) == files_in(tmp_path / "runs" / "y")
+    assert files_of(folder) == files_of(tmp_path / "runs" / "y")
     assert len(list(folder.rglob("*.png"))) == 1000 + 1
-
-
-def run_folder(tmp_path):
-    return tmp_path / "runs" / "x"
 
 
 def shorten(path):
@@ -266,14 +235,14 @@ def test_what_is_missing_or_damaged_is_rendered_again(
 ):
     words = words_of(*THREE_SHARDS)
     shutil.copytree(three_shards, tmp_path, dirs_exist_ok=True)
-    folder = run_folder(tmp_path)
-    before = files_in(folder)
+    folder = tmp_path / "runs" / "x"
+    before = files_of(folder)
     times = {path: path.stat().st_mtime_ns for path in folder.rglob("*.png")}
     damage(folder / "frames" / "train")
     again = app(*words)
     assert again.status == 0
     assert "resuming: 1 of 3 folders are complete" in again.out
-    assert files_in(folder) == before
+    assert files_of(folder) == before
     rewritten = {
         path.parent for path, at in times.items() if path.stat().st_mtime_ns != at
     }
