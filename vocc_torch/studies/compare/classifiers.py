@@ -242,7 +242,6 @@ def scene_rows(
             "tested_on": tested_on,
             "receiver": key.receiver,
             **counted(counts),
-            "frame_errors": counts.frame_errors,
             "panels_missed": counts.panels_missed,
             "ratio": rate_ratio(reference, counts, pair.pairs[0, 1]) or BLANK,
         }

@@ -248,7 +248,6 @@ def severity_rows(study: EffectStudy, errors: Errors) -> list[TableRow]:
                 "receiver": name,
                 "trained": ("without", "with")[number],
                 **counted(counts),
-                "frame_errors": counts.frame_errors,
             }
         )
     return rows

@@ -75,12 +75,13 @@ def write_report(
 
 
 def counted(counts: Counts) -> TableRow:
-    """Give the cells of counts: frames, bits and the bit error rate with its interval."""
+    """Give the cells of counts: frames, bits, the bit error rate with its interval, and wrong frames."""
     return {
         "frames": counts.frames,
         "bits": counts.bits,
         "bit_errors": counts.bit_errors,
         "ber": intervals.ber_interval(counts),
+        "frame_errors": counts.frame_errors,
     }
 
 

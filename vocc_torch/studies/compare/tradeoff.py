@@ -1,9 +1,9 @@
 """``task=tradeoff``: what each receiver costs in time, and makes in errors on the same frames."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from vocc_torch.errors import VoccError, demand_least, demand_word, whole_number
 from vocc_torch.measure import estimate, link, sweep, timing
@@ -23,7 +23,12 @@ from vocc_torch.receiver.deciders import needs_preambles
 from vocc_torch.report.terminal import TableRow, print_rows
 from vocc_torch.simulation.simulator import Framing
 from vocc_torch.studies.compare import TradeoffConfig, figures
-from vocc_torch.studies.compare.report import left_out_lines, numbers_of, write_report
+from vocc_torch.studies.compare.report import (
+    flat,
+    left_out_lines,
+    numbers_of,
+    write_report,
+)
 from vocc_torch.studies.run import Case, Run, begin, scene_plan
 from vocc_torch.types import resolve_device
 
@@ -292,11 +297,8 @@ def conditions_of(study: TradeoffStudy, machine: str, waited_share: float) -> st
 
 
 def rounded(row: TableRow) -> TableRow:
-    """Round floats and estimates to five digits, more than any time or rate has."""
-
-    def digits(cell: Any) -> Any:
-        if isinstance(cell, estimate.Estimate):
-            return estimate.Estimate(*map(digits, astuple(cell)))
-        return float(f"{cell:.5g}") if isinstance(cell, float) else cell
-
-    return {name: digits(cell) for name, cell in row.items()}
+    """Give a row's cells as a file has them, floats in five digits: more than any time or rate has."""
+    return {
+        name: float(f"{cell:.5g}") if isinstance(cell, float) else cell
+        for name, cell in flat(row).items()
+    }
