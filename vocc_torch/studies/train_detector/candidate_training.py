@@ -36,8 +36,12 @@ Look = Callable[[Pyramid, Tensor, PanelShape], tuple[Tensor, Tensor]]
 class JudgeTraining(NetworkTraining):
     """Settings of the judge's training; lengths in cells, of which a candidate's side has 14."""
 
-    shapes: tuple[tuple[int, int], ...] = ((8, 8), (8, 16), (16, 16), (8, 32))
-    shape_shares: tuple[float, ...] = (0.6, 0.15, 0.17, 0.08)
+    shapes: tuple[tuple[int, int, float], ...] = (
+        (8, 8, 0.6),
+        (8, 16, 0.15),
+        (16, 16, 0.17),
+        (8, 32, 0.08),
+    )
     rendered: int = 50
     near: int = 20
     clutter: int = 58
@@ -61,11 +65,14 @@ class JudgeTraining(NetworkTraining):
 class PlacerTraining(NetworkTraining):
     """Settings of the placer's training; see :class:`JudgeTraining`."""
 
-    shapes: tuple[tuple[int, int], ...] = (
-        *((8, 8), (4, 4), (16, 16)),
-        *((4, 8), (8, 16), (12, 12)),
+    shapes: tuple[tuple[int, int, float], ...] = (
+        (8, 8, 3.0),
+        (4, 4, 5.0),
+        (16, 16, 1.0),
+        (4, 8, 1.5),
+        (8, 16, 1.0),
+        (12, 12, 0.5),
     )
-    shape_shares: tuple[float, ...] = (3.0, 5.0, 1.0, 1.5, 1.0, 0.5)
     rendered: int = 60
     near: int = 20
     clutter: int = 76
@@ -245,9 +252,9 @@ class PlacerSampler(CandidateSampler):
 
     def shows(self, form: Form) -> Tensor:
         """Say which frames (N,) show a panel of the shape; each form has its share of frames without one."""
-        shapes, forms = self.pool.shapes, self.settings.shapes
+        shapes, number = self.pool.shapes, self.forms.index(form)
         numbers = torch.arange(len(shapes), device=shapes.device)
-        shared = numbers % len(forms) == forms.index(form.shape.sides)
+        shared = numbers % len(self.forms) == number
         right = (shapes == shapes.new_tensor(form.shape.sides)).all(1)
         return right | (self.pool.empty & shared)
 

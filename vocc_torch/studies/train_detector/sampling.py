@@ -94,8 +94,8 @@ class Pictures(NamedTuple):
 class NetworkTraining:
     """Settings of a network's training."""
 
-    shapes: tuple[tuple[int, int], ...]  # rows and columns, one of them a batch
-    shape_shares: tuple[float, ...]
+    # Rows and columns, of which a batch has one, and how often it is that one.
+    shapes: tuple[tuple[int, int, float], ...]
     # Pictures of a batch.
     rendered: int  # with a panel, about its true corners
     near: int  # candidates of the networks before, with a panel
@@ -116,7 +116,7 @@ class Sampler(ABC):
         self.pool, self.scale = pool, scale
         self.effects = camera_effects()
         shapes = self.settings.shapes
-        self.forms = [self.form(PanelShape(*sides)) for sides in shapes]
+        self.forms = [self.form(PanelShape(*sides)) for *sides, _ in shapes]
         self.rendered = [self.panels(form) for form in self.forms]
         nothing = [found[:0] for found in self.rendered]
         self.near, self.clutter = nothing, nothing
@@ -145,7 +145,8 @@ class Sampler(ABC):
         """Draw a batch of pictures of one form, whose rows are columns in half of the batches."""
         options = self.settings
         there = torch.tensor([len(found.frame) > 0 for found in self.rendered])
-        number = int((torch.tensor(options.shape_shares) * there).multinomial(1))
+        shares = torch.tensor([share for _, _, share in options.shapes])
+        number = int((shares * there).multinomial(1))
         form = self.forms[number]
         # Larger pictures take longer.
         share = self.scale * self.forms[0].px / form.px

@@ -33,8 +33,7 @@ from vocc_torch.types import PanelShape
 class ScoutTraining(NetworkTraining):
     """Settings of the training."""
 
-    shapes: tuple[tuple[int, int], ...] = ((1, 1),)  # whatever they are
-    shape_shares: tuple[float, ...] = (1.0,)
+    shapes: tuple[tuple[int, int, float], ...] = ((1, 1, 1.0),)  # whatever they are
     rendered: int = 38
     near: int = 0
     clutter: int = 34
