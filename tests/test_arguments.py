@@ -77,11 +77,6 @@ def test_numbers_may_be_of_any_library():
         assert fits(values, Sequence[float])
 
 
-def test_what_is_usual_may_be_given_too():
-    (reading,) = vt.decode(np.zeros((40, 60)), turn=0)
-    assert not reading.found
-
-
 def test_a_name_of_draws_may_be_any_text():
     frames = [next(vt.simulate("paper", 1, point=name)) for name in ("a\udcff", "b")]
     assert not torch.equal(frames[0].bits, frames[1].bits)

@@ -67,27 +67,20 @@ def test_a_helper_of_a_plug_in_is_part_of_its_code(code, target):
     assert maker() != before
 
 
-def test_helpers_travel_with_a_file(code):
-    assert {*ModuleFile(str(code / "mine.py")).texts} == {
-        "mine.py",
-        "helpers/__init__.py",
-        "helpers/levels.py",
-    }
-
-
-def test_a_file_in_the_working_folder_takes_its_helpers_and_not_the_package(
-    code, monkeypatch
+@pytest.mark.parametrize("imports_the_package", [False, True])
+def test_helpers_travel_with_a_file_and_the_package_does_not(
+    code, monkeypatch, imports_the_package
 ):
-    (code / "vocc_torch").mkdir()
-    (code / "vocc_torch/__init__.py").write_text("")
+    """Also where the file is named in the working folder, in which the package lies, too."""
     file = code / "mine.py"
-    file.write_text(f"import vocc_torch\n{file.read_text()}")
-    monkeypatch.chdir(code)
-    assert {*ModuleFile("mine.py").texts} == {
-        "mine.py",
-        "helpers/__init__.py",
-        "helpers/levels.py",
-    }
+    if imports_the_package:
+        (code / "vocc_torch").mkdir()
+        (code / "vocc_torch/__init__.py").write_text("")
+        file.write_text(f"import vocc_torch\n{file.read_text()}")
+        monkeypatch.chdir(code)
+        file = Path("mine.py")
+    helpers = {"helpers/__init__.py", "helpers/levels.py"}
+    assert {*ModuleFile(str(file)).texts} == {"mine.py", *helpers}
 
 
 def test_a_model_of_a_changed_helper_is_refused_and_one_of_a_changed_package_is_not(

@@ -1,9 +1,8 @@
 """The public functions: scenes, trained receivers, simulated frames, and measured bit error rates."""
 
-import io
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -261,9 +260,9 @@ class SimulatedFrames(IterableDataset[Simulated]):
         window = batch if workers > 1 else batch * -(-BLOCK_FRAMES // batch)
         for start in range(0, self.frames, window)[place::workers]:
             stop = min(start + window, self.frames)
-            before = start // BLOCK_FRAMES * BLOCK_FRAMES
             keys = block_keys(self.seed, self.point, stop, start)
-            rows = range(start - before, stop - before, batch)
+            first = start % BLOCK_FRAMES
+            rows = range(first, first + stop - start, batch)
             for drawn, bits, names, takes in rendered(
                 simulator, self.world.scene, keys, rows, False
             ):
@@ -302,11 +301,10 @@ class Table:
 
     def __str__(self) -> str:
         """Write the table as text."""
-        console = terminal.Console(
-            width=110, file=io.StringIO(), force_jupyter=False, force_terminal=False
-        )
-        terminal.print_table(self.curves, console)
-        return str(console.file.getvalue()).rstrip()  # type: ignore[attr-defined]  # the StringIO above
+        console = terminal.Console(width=110, force_jupyter=False, force_terminal=False)
+        with console.capture() as text:
+            terminal.print_table(self.curves, console)
+        return text.get().rstrip()
 
 
 def _demand_path(path: object) -> None:
@@ -361,21 +359,21 @@ def measure(
     axes = Experiment(experiment, axis, tuple(map(float, values)))
     reader = next(iter(named.values())).reader
     plan = Plan(world, ReceiverPlan(reader=reader), axes, Budget(frames), seed)
-    with ExitStack() as held:
-        opened = None
-        if store is not None:
-            settings = {**identity(plan, (OWN,)), "receivers": digests(named)}
-            opened = held.enter_context(Store.open(store, settings))
-        jobs = [
-            WholeJob(
-                plan,
-                axes.model_at(world, value),
-                axes.point_name(value),
-                (),
-                receivers=named,
-            )
-            for value in axes.simulated_values
-        ]
+    jobs = [
+        WholeJob(
+            plan,
+            axes.model_at(world, value),
+            axes.point_name(value),
+            (),
+            receivers=named,
+        )
+        for value in axes.simulated_values
+    ]
+    counts: AbstractContextManager[Store | None] = nullcontext()
+    if store is not None:
+        settings = {**identity(plan, (OWN,)), "receivers": digests(named)}
+        counts = Store.open(store, settings)
+    with counts as opened:
         counted = sweep.outcomes(jobs, Workers(1), opened, progress)
         outcomes = dict(zip(axes.simulated_values, counted, strict=True))
     keys = {key.receiver: key for key in jobs[0].keys}

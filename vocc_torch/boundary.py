@@ -5,7 +5,6 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
-from numbers import Integral
 from pathlib import Path
 from types import GenericAlias, NoneType, UnionType
 from typing import (
@@ -18,7 +17,7 @@ from typing import (
     get_type_hints,
 )
 
-from vocc_torch.errors import VoccError, is_finite, shown, whole_number
+from vocc_torch.errors import VoccError, is_finite, is_whole, shown, whole_number
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -100,12 +99,10 @@ def fits(value: Any, hint: Any) -> bool:
     if isinstance(hint, UnionType):
         return any(fits(value, part) for part in get_args(hint))
     kind, parts = get_origin(hint) or hint, get_args(hint)
-    if kind is int and isinstance(value, bool):
-        return False
     if kind is Literal:
         return value in parts
-    if kind is float:
-        return is_finite(value)
+    if kind in (int, float):
+        return is_whole(value) if kind is int else is_finite(value)
     if kind is Sequence:
         with suppress(Exception):  # a tensor without values has no list of them
             value = getattr(value, "tolist", lambda: value)()
@@ -116,7 +113,7 @@ def fits(value: Any, hint: Any) -> bool:
         return isinstance(value, Mapping) and all(
             fits(key, parts[0]) and fits(item, parts[1]) for key, item in value.items()
         )
-    return isinstance(value, Integral if kind is int else kind)
+    return isinstance(value, kind)
 
 
 def allowed(hint: Any, words: Mapping[Any, str] = WORDS) -> str:

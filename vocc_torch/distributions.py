@@ -125,11 +125,11 @@ class Distribution:
             >>> Distribution("log_uniform", (1.0, 100.0)).at(np.array([0.0, 0.5])).round(9).tolist()
             [1.0, 10.0]
         """
-        if self.kind in ("constant", "choice"):
+        if self.kind == "choice":
             place = (share * len(self.values)).astype(np.int64)
             return np.array(self.values)[place]
         is_log = self.kind == "log_uniform"
-        low, high = map(math.log, self.values) if is_log else self.values
+        low, high = map(math.log, self.values) if is_log else self.bounds
         found: NDArray[np.float64] = low + (high - low) * share
         found = np.exp(found) if is_log else found
         return found.clip(*self.bounds)  # rounding can carry a draw a hair beyond

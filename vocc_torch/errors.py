@@ -3,7 +3,7 @@
 import difflib
 import math
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import MISSING, field, fields
 from importlib import import_module
@@ -197,24 +197,26 @@ def finite_number(name: str, value: object, allowed: str = "a finite number") ->
 
 def demand_within(
     name: str,
-    value: object,
+    value: Any,
     low: float,
-    high: float,
+    high: float = math.inf,
     *,
     above: bool = False,
     null: bool = False,
     hint: str = "",
-) -> float | None:
-    """Give a number from ``low`` (or ``above`` it) to ``high`` as a float, or refuse it by name.
+    whole: bool = False,
+) -> Any:
+    """Give a number from ``low`` (or ``above`` it) to ``high`` as a float or an int, or refuse it by name.
 
     Args:
         name: the key's.
         value: what is given for it.
         low: the least allowed, or what it must exceed.
-        high: the most.
+        high: the most; infinity itself is not allowed.
         above: whether ``low`` itself is refused.
         null: whether None is allowed too.
         hint: what to do instead, said where the value is ``low``.
+        whole: whether it must be a whole number.
 
     Example:
         >>> demand_within("record.fps", 0, 0, 1e6, above=True)
@@ -224,15 +226,20 @@ def demand_within(
     """
     if null and value is None:
         return None
-    rule = f"{'above' if above else 'at least'} {low:g}"
-    rule += f" and at most {high:g}" if high < math.inf else ""
+    text = str if whole else "{:g}".format
+    rule = f"{'above' if above else 'at least'} {text(low)}"
+    rule += f" and at most {text(high)}" if high < math.inf else ""
     rule += ", or null" * null
-    kind = "" if isinstance(value, float) else "a number, "
-    number = finite_number(name, value, kind + rule)
-    if number > high or number < low or (above and number == low):
-        rule += f" ({hint})" if hint and number == low else ""
-        raise VoccError.of(name, f"{number:g}", rule)
-    return number
+    is_kind = is_whole(value) if whole else is_finite(value)
+    if is_kind and low <= value <= high and not (above and value == low):
+        return int(value) if whole else float(value)
+    if whole and (high < math.inf or not is_kind):
+        rule = f"a whole number, {rule}"
+    elif not is_kind and not isinstance(value, float):
+        rule = f"a number, {rule}"
+    rule += f" ({hint})" if hint and is_kind and value == low else ""
+    given = shown(value) if whole or not is_kind else f"{float(value):g}"
+    raise VoccError.of(name, given, rule)
 
 
 def demand_word(name: str, value: str, words: Iterable[str], hint: str = "") -> None:
@@ -259,7 +266,12 @@ def demand_least(section: str, owner: object, **least: int) -> None:
             demand_within(f"{section}{name}", value, low, MOST_COUNT)
 
 
-def whole_number(name: str, value: object, low: int, high: int | None = None) -> int:
+def is_whole(value: object) -> bool:
+    """Whether a value is a whole number, also one of NumPy; 8.0 and true are none."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def whole_number(name: str, value: object, low: int, high: float = math.inf) -> int:
     """Give a whole number from ``low`` to ``high``, also one of NumPy, as an int, or refuse it by name.
 
     Raises:
@@ -269,13 +281,7 @@ def whole_number(name: str, value: object, low: int, high: int | None = None) ->
         >>> whole_number("panel.rows", 8, 1, 1024)
         8
     """
-    is_whole = isinstance(value, Integral) and not isinstance(value, bool)
-    number = int(value) if isinstance(value, Integral) else low - 1
-    if is_whole and low <= number and (high is None or number <= high):
-        return number
-    rule = f"at least {low}" + (f" and at most {high}" if high is not None else "")
-    kind = "a whole number, " * (high is not None or not is_whole)
-    raise VoccError.of(name, shown(value), kind + rule)
+    return int(demand_within(name, value, low, high, whole=True))
 
 
 def within(
@@ -298,13 +304,6 @@ def within(
     return field(default=default, metadata={"low": low, "high": high, **rules})
 
 
-def demand_declared(name: str, value: object, declared: Mapping[str, Any]) -> Any:
-    """Give a number as :func:`within` declares it, or refuse it by name."""
-    rules = dict(declared)
-    demand = whole_number if rules.pop("whole", False) else demand_within
-    return demand(name, value, **rules)
-
-
 def demand_ranges(section: str, owner: Any) -> None:
     """Refuse the first number of a dataclass that is not as declared, and make ints and floats of them.
 
@@ -318,5 +317,5 @@ def demand_ranges(section: str, owner: Any) -> None:
     for item in fields(owner):
         if item.metadata:
             value = getattr(owner, item.name)
-            number = demand_declared(f"{section}.{item.name}", value, item.metadata)
+            number = demand_within(f"{section}.{item.name}", value, **item.metadata)
             object.__setattr__(owner, item.name, number)

@@ -279,22 +279,17 @@ def unfinished(folder: Path, words: str) -> Iterator[None]:
     """
     mark = folder / UNFINISHED
     begun = read_file(mark, "mark").decode(errors="replace") if mark.is_file() else ""
-    marked, stays = (
-        begun.partition("\n")[2] == words or not any(folder.iterdir()),
-        False,
-    )
-    if marked:
+    goes = begun.partition("\n")[2] == words or not any(folder.iterdir())
+    if goes:
         write_atomically(mark, f"{os.getpid()}\n{words}".encode(errors="replace"))
     try:
         yield
+        goes = True  # the folder is complete, whichever command began it
     except (KeyboardInterrupt, BrokenPipeError):
-        stays = any(path != mark for path in folder.iterdir())
+        goes &= all(path == mark for path in folder.iterdir())
         raise
-    else:
-        # The folder is complete, whichever command began it.
-        mark.unlink(missing_ok=True)
     finally:
-        if marked and not stays:
+        if goes:
             mark.unlink(missing_ok=True)
 
 

@@ -81,11 +81,6 @@ class ModuleFile:
         return COPIES.get(self.path, Path(self.path))
 
     @property
-    def absolute(self) -> str:
-        """Its path, independent of the working directory."""
-        return str(Path(self.path).absolute())
-
-    @property
     def texts(self) -> dict[str, bytes]:
         """Its text and the texts of modules that it imports from its folder, by path.
 
@@ -116,8 +111,9 @@ class ModuleFile:
             VoccError: the file cannot be read or run, or a worker meets another text than its run began with.
         """
         name, said = self.module_name, f"file {self.path}"
-        READ[self.path] = self.absolute, name.rpartition("_")[2]
-        if not name.endswith(EXPECTED.get(self.absolute, "")):
+        absolute = str(Path(self.path).absolute())
+        READ[self.path] = absolute, name.rpartition("_")[2]
+        if not name.endswith(EXPECTED.get(absolute, "")):
             raise VoccError(f"{said} has changed since this run began: begin it again")
         if name in sys.modules:
             return sys.modules[name]
@@ -355,14 +351,14 @@ class PlugIn:
             return named(self.target)
 
     @contextmanager
-    def _refusing(self, how: str, reason: Callable[[], str] = str) -> Iterator[None]:
-        """Say in one line what cannot be done with the target, and the reason or else the error's own words."""
+    def _refusing(self, how: str) -> Iterator[None]:
+        """Say in one line what cannot be done with the target, and why in the error's own words."""
         try:
             yield
         except VoccError as error:
             raise VoccError(f"{self.key}: {error}") from error
         except (Exception, SystemExit) as error:
-            why = reason() or " ".join(str(error.__cause__ or error).split())
+            why = " ".join(str(error.__cause__ or error).split())
             raise VoccError(
                 f"{self.key}: {self.target} cannot be {how} ({why})"
             ) from error
@@ -389,7 +385,8 @@ class PlugIn:
             raise VoccError(
                 f"{self.key}: {self.target} is neither a class nor a function"
             )
-        with self._refusing("built", lambda: _untaken(kind, arguments)):
+        with self._refusing("built"):
+            demand_taken(kind, arguments)
             return kind(**assembled(arguments))
 
     @property
@@ -428,15 +425,19 @@ class PlugIn:
         return type(self), (self.key, self.name, self.target, dict(self.arguments))
 
 
-def _untaken(kind: Callable[..., object], arguments: Mapping[str, object]) -> str:
-    """Say which argument a class does not take, and which it takes; empty where none is known to be wrong."""
-    # Of classes that cannot be looked into.
-    with suppress(TypeError, ValueError):
+def demand_taken(kind: Callable[..., object], arguments: Mapping[str, object]) -> None:
+    """Refuse an argument that a class does not take.
+
+    Raises:
+        TypeError: with what it takes.
+    """
+    try:
         taken = inspect.signature(kind).parameters
-        strays = [name for name in arguments if name not in taken]
-        if strays and not any(one.kind == one.VAR_KEYWORD for one in taken.values()):
-            return f"it takes no {strays[0]}, but {', '.join(taken)}"
-    return ""
+    except (TypeError, ValueError):  # of classes that cannot be looked into
+        return
+    strays = [name for name in arguments if name not in taken]
+    if strays and not any(one.kind == one.VAR_KEYWORD for one in taken.values()):
+        raise TypeError(f"it takes no {strays[0]}, but {', '.join(taken)}")
 
 
 def package_maker(name: str) -> str:

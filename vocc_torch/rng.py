@@ -116,17 +116,12 @@ class FrameKey:
             stream: the name.
             of_scene: draw what belongs to the scene and so is the same in all its takes, not to one picture.
         """
-        return self.block.generator(
-            f"{stream}/{self.frame}" if of_scene else self._of_picture(stream)
-        )
+        take = "" if of_scene else f"/{self.take}"
+        return self.block.generator(f"{stream}{take}/{self.frame}")
 
     def tiles(self, stream: str) -> Callable[[int, int], np.random.Generator]:
         """Give a fresh generator of each tile of this picture; see :meth:`BlockKey.tiles`."""
-        return self.block.tiles(self._of_picture(stream))
-
-    def _of_picture(self, stream: str) -> str:
-        """Name a stream that belongs to one picture, not to its scene."""
-        return f"{stream}/{self.take}/{self.frame}"
+        return self.block.tiles(f"{stream}/{self.take}/{self.frame}")
 
 
 def sensor_generator(seed: int, stream: str) -> np.random.Generator:

@@ -441,23 +441,20 @@ class Candidates(Batched):
             >>> frame.tolist(), panels.found.tolist()
             ([0, 1], [False, True])
         """
-        sure, whose = ~(self.false_alarms > most_false_alarms), self.frame.tolist()
-        told, pairs = sure.tolist(), list[tuple[int, int]]()
-        for number in range(frames):
-            seen = [row for row, frame in enumerate(whose) if frame == number]
-            chosen = [row for row in seen if told[row]][:most] or seen[:1] or [-1]
-            pairs += [(number, row) for row in chosen]
-        frame, row = self.frame.new_tensor(pairs).view(-1, 2).unbind(1)
-        # The last row stands for nothing seen.
+        seen = self.frame == torch.arange(frames, device=self.frame.device)[:, None]
+        sure = seen & ~(self.false_alarms > most_false_alarms)
+        found, empty = sure.any(1), ~seen.any(1, keepdim=True)
+        # Without a sure one the first is the best that was seen; the last row stands for nothing seen.
+        chosen = sure & (sure.cumsum(1) <= most)
+        chosen |= seen & (seen.cumsum(1) == 1) & ~found[:, None]
+        frame, row = torch.cat([chosen, empty], 1).nonzero().unbind(1)
         nothing = self.each(lambda column: column.new_zeros(1, *column.shape[1:]))
-        best = Candidates.cat([self, nothing])[row]
+        best, is_found = Candidates.cat([self, nothing])[row], found[frame]
         unseen = math.nan if math.isnan(most_false_alarms) else math.inf
-        alarms = torch.where(row < 0, unseen, best.false_alarms)
-        found = ~(alarms > most_false_alarms) & (row >= 0)
-        count = torch.bincount(self.frame[sure], minlength=frames)[frame]
-        corners = best.corners_px * found[:, None, None]
-        score = best.score * found
-        return frame, StatedPanels(corners, found, score, count, alarms)
+        alarms = torch.where(empty[frame, 0], unseen, best.false_alarms)
+        corners = best.corners_px * is_found[:, None, None]
+        score, count = best.score * is_found, sure.sum(1)[frame]
+        return frame, StatedPanels(corners, is_found, score, count, alarms)
 
 
 def resolve_device(name: str) -> torch.device:

@@ -60,24 +60,17 @@ class _PlainLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no hint
         return mapping
 
 
-def _number(loader: Any, node: Any) -> float | int:
-    """Read a decimal number."""
-    text = loader.construct_scalar(node)
-    if node.tag == f"{_PREFIX}int":
-        return int(text)
-    return float(re.sub(r"\.(?=inf|nan)", "", text.lower()))
-
-
-_CONSTRUCTED = ("null", "bool", "str", "seq", "map")
+_CONSTRUCTED = ("null", "bool", "float", "str", "seq", "map")
 _PlainLoader.yaml_constructors = {
     f"{_PREFIX}{kind}": yaml.SafeLoader.yaml_constructors[f"{_PREFIX}{kind}"]
     for kind in _CONSTRUCTED
-} | {None: yaml.SafeLoader.construct_undefined}
+} | {
+    f"{_PREFIX}int": lambda loader, node: int(loader.construct_scalar(node)),
+    None: yaml.SafeLoader.construct_undefined,
+}
 for _kind, (_pattern, _first) in _SCALARS.items():
     _known = re.compile(rf"^(?:{_pattern})$")
     _PlainLoader.add_implicit_resolver(f"{_PREFIX}{_kind}", _known, _first)
-for _kind in ("int", "float"):
-    _PlainLoader.add_constructor(f"{_PREFIX}{_kind}", _number)
 
 
 def parse_yaml(text: str | bytes, what: str = "YAML") -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from composing import composed
+from film_files import write_film
 from PIL import Image
 from skimage import data
 
@@ -201,26 +202,23 @@ def test_a_recording_that_cannot_be_used_leaves_nothing(
     assert not (tmp_path / "out").exists() or not any((tmp_path / "out").rglob("*.*"))
 
 
-def test_models_that_do_not_fit(decode, model, photo, tmp_path):
-    (tmp_path / "cut.pt").write_bytes(model.read_bytes()[:500])
+MODELS = {
+    "another shape": (
+        ("panel.rows=4",),
+        "8 x 8 LEDs, and panel.rows x panel.columns is 4 x 8",
+    ),
+    "missing": (("model=no.pt",), "model no.pt does not exist"),
+    "no model": (("model=text.pt",), "model text.pt is damaged or of another kind"),
+}
+
+
+@pytest.mark.parametrize("case", MODELS)
+def test_models_that_do_not_fit(decode, model, photo, tmp_path, case):
     (tmp_path / "text.pt").write_text("no model")
-    torch.save({"weights": torch.zeros(3)}, tmp_path / "other.pt")
-    unread = [
-        (name, (), f"model {name} is damaged or of another kind")
-        for name in ("cut.pt", "text.pt", "other.pt")
-    ]
-    for path, more, part in (
-        *unread,
-        ("no.pt", (), "model no.pt does not exist"),
-        (
-            model,
-            ("panel.rows=4",),
-            "8 x 8 LEDs, and panel.rows x panel.columns is 4 x 8",
-        ),
-    ):
-        with pytest.raises(VoccError, match=part):
-            decode(photo, f"model={path}", *more)
-        assert not (tmp_path / "out").exists()
+    words, part = MODELS[case]
+    with pytest.raises(VoccError, match=part):
+        decode(photo, f"model={model}", *words)
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_receiver_that_ships_is_what_its_command_trains(decode, photo, tmp_path):
@@ -266,15 +264,8 @@ def test_a_panel_that_hangs_upside_down_is_read_upright(
 @pytest.fixture
 def film(photo, tmp_path):
     """Four frames of the photograph, in Matroska."""
-    with av.open(str(tmp_path / "film.mkv"), "w") as container:
-        picture = Image.open(photo).convert("RGB").crop((0, 0, 360, 346))
-        stream = container.add_stream("mpeg4", rate=25)
-        stream.width, stream.height, stream.pix_fmt = *picture.size, "yuv420p"
-        stream.bit_rate = 20_000_000
-        for _ in range(4):
-            container.mux(stream.encode(av.VideoFrame.from_image(picture)))
-        container.mux(stream.encode())
-    return tmp_path / "film.mkv"
+    picture = Image.open(photo).convert("RGB").crop((0, 0, 360, 346))
+    return write_film(tmp_path / "film.mkv", np.stack([picture] * 4))
 
 
 class LateStream(LiveStream):

@@ -11,6 +11,7 @@ import av
 import cv2
 import numpy as np
 import pytest
+from film_files import write_film
 from test_pictures import read_to_the_end
 
 from vocc_torch.errors import VoccError
@@ -26,24 +27,6 @@ def frames():
     return np.stack(
         [cv2.resize(one, (160, 128), interpolation=cv2.INTER_CUBIC) for one in noise]
     )
-
-
-def write_film(path, frames, codec="mpeg4", interlaced=False):
-    """Encode grey frames, (N,H,W) uint8, at 25 frames a second."""
-    with av.open(str(path), "w") as container:
-        options = {"flags": "+ildct+ilme", "top": "1"} if interlaced else {}
-        stream = container.add_stream(codec, rate=25, options=options)
-        stream.width = frames.shape[2]
-        stream.height = frames.shape[1]
-        stream.pix_fmt = "yuv420p"
-        stream.bit_rate = 20_000_000
-        for grey in frames:
-            picture = av.VideoFrame.from_ndarray(
-                np.repeat(grey[..., None], 3, axis=2), format="rgb24"
-            )
-            container.mux(stream.encode(picture))
-        container.mux(stream.encode())
-    return path
 
 
 def distance(one, other):

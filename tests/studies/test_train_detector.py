@@ -58,28 +58,35 @@ def small_pool():
 def found_at(small_pool, frames, quads):
     """Give candidates of the pool's frames."""
     frame = torch.tensor(frames)
-    return sampling.panels_of(small_pool, frame, 0 * frame)._replace(quads=quads)
+    return replace(sampling.panels_of(small_pool, frame, 0 * frame), quads=quads)
+
+
+def rendered(folder, scene, rows=8, columns=8, camera=0, seed=3):
+    """The arrays of a block."""
+    folder.mkdir(exist_ok=True)
+    block = pool.PoolBlock(folder / "b.npz", scene, rows, columns, camera, seed)
+    pool.render_block(block)
+    return np.load(block.path)
 
 
 def test_a_block_is_the_same_again(tmp_path):
-    for name in ("first", "again"):
-        (tmp_path / name).mkdir()
-        block = pool.PoolBlock(tmp_path / name / "b.npz", "street", 4, 8, 0, 3)
-        pool.render_block(block)
-    first, again = (np.load(tmp_path / name / "b.npz") for name in ("first", "again"))
+    first, again = (rendered(tmp_path / name, "street", 4) for name in "ab")
     assert first["grey"].shape == (2, 240, 320)
     assert all(np.array_equal(first[name], again[name]) for name in first.files)
 
 
-def test_frames_are_rendered_on_the_cpu(tmp_path, monkeypatch):
-    """Also where scenes would be simulated on a GPU."""
+def test_crops_are_rendered_on_the_cpu_and_put_back_into_their_frames(
+    tmp_path, monkeypatch
+):
+    """Also where scenes would be simulated on a GPU; beside the crop a plain scene's frame is of one grey."""
 
     def on_gpu(*words):
         return replace(load_scene(*words), device="cuda")
 
     monkeypatch.setattr(pool, "load_scene", on_gpu)
-    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "paper", 8, 8, 0, 3))
-    assert np.load(tmp_path / "b.npz")["grey"].shape == (2, 240, 320)
+    grey = rendered(tmp_path, "paper")["grey"]
+    assert grey.shape == (2, 240, 320)
+    assert (grey == np.median(grey, axis=(1, 2), keepdims=True)).mean() > 0.8
 
 
 @pytest.mark.slow
@@ -103,27 +110,17 @@ pool.render(pool.blocks_of(Path({str(tmp_path)!r}), 0, 1), Console())
 def test_clutter_is_rendered(tmp_path):
     """Photographs and lattices: no part of a frame is of one grey value."""
     clutter.copy_photographs(tmp_path / pool.PHOTOGRAPHS)
-    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", pool.CLUTTER, 0, 0, 0, 3))
-    block = np.load(tmp_path / "b.npz")
+    block = rendered(tmp_path, pool.CLUTTER, 0, 0)
     parts = block["grey"].reshape(2, 4, 60, 4, 80).std(axis=(2, 4))
     assert (parts > 0.5).all()
     assert not block["corners"].any()
     assert not block["readable"].any()
 
 
-def test_crops_are_put_back_into_their_frames(tmp_path):
-    """A plain scene's frame is grey all over but for the crop that is rendered."""
-    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "paper", 8, 8, 0, 3))
-    grey = np.load(tmp_path / "b.npz")["grey"]
-    assert grey.shape == (2, 240, 320)
-    assert (grey == np.median(grey, axis=(1, 2), keepdims=True)).mean() > 0.8
-
-
 @pytest.mark.parametrize("camera", range(1, len(pool.SETTINGS.cameras)))
 def test_each_camera_shows_panels_at_their_corners(camera, tmp_path):
     """A frame's LEDs lie where the corners say, also where pixels were halved."""
-    pool.render_block(pool.PoolBlock(tmp_path / "b.npz", "street", 8, 8, camera, 5))
-    block = np.load(tmp_path / "b.npz")
+    block = rendered(tmp_path, "street", camera=camera, seed=5)
     assert block["grey"].shape == (2, 240, 320)
     assert block["readable"].any()
 
@@ -257,7 +254,7 @@ def test_candidates_near_a_panel_and_of_clutter_are_told_apart(small_pool):
     truth = small_pool.corners_px[:1]
     quads = torch.cat([truth + 2, truth + 100, truth + 12, truth])
     found = found_at(small_pool, [0, 0, 0, 2], quads)
-    found = found._replace(truth=0 * quads)
+    found = replace(found, truth=0 * quads)
     near, clutter = sampling.with_truth(small_pool, found)
     assert torch.equal(near.quads, quads[:1])
     assert torch.equal(clutter.quads, quads[[1, 3]])
@@ -267,12 +264,12 @@ def test_candidates_near_a_panel_and_of_clutter_are_told_apart(small_pool):
 
 def test_likely_clutter_is_drawn_more_often(small_pool):
     found = found_at(small_pool, [2, 2], small_pool.corners_px[[2, 2]])
-    found = found._replace(score=torch.tensor([-20.0, 20.0]))
-    found = found._replace(level=torch.tensor([0, 1]))
+    score, level = torch.tensor([-20.0, 20.0]), torch.tensor([0, 1])
+    found = replace(found, score=score, level=level)
     torch.manual_seed(0)
     likely = found.drawn(2000).level.double().mean()
     assert float(likely) == pytest.approx(1.05 / 1.1, abs=0.02)
-    assert not len(found.rows(slice(0)).drawn(5).frame)
+    assert not len(found[:0].drawn(5).frame)
 
 
 def test_beyond_a_frame_crops_have_a_mean_grey_value(small_pool):
@@ -308,7 +305,7 @@ def test_taken_candidates_keep_the_panels_place(small_pool):
     """The panel's corners in a picture, from the candidate's, are those that it was moved by."""
     truth = small_pool.corners_px[:1].expand(40, 4, 2)
     cell = torch.tensor([4.0, 3.0])
-    near = found_at(small_pool, [0] * 40, truth + cell)._replace(truth=truth)
+    near = replace(found_at(small_pool, [0] * 40, truth + cell), truth=truth)
     sampler = run.SAMPLERS["placer"](small_pool)
     form = sampler.forms[0]
     torch.manual_seed(0)

@@ -118,28 +118,28 @@ def find_jobs(folder: Path) -> list[SweepJob]:
     def refused(error: OSError) -> NoReturn:
         raise VoccError(f"cannot read {error.filename}: {error.strerror or error}")
 
-    def order(place: Path) -> list[tuple[int, str]]:
-        """Sort numbers by value, and before words."""
-        return [
-            (int(part), "") if part.isdecimal() else (2**63, part)
-            for part in place.relative_to(folder).parts
-        ]
-
-    found = []
+    found = {}
     for path, folders, files in os.walk(folder, onerror=refused):
         place, entries = Path(path), {*files, *folders}
-        begun = not entries and place.name.isdecimal() and place != folder
+        parts = place.relative_to(folder).parts
+        begun = not entries and parts and parts[-1].isdecimal()
         if begun or (entries & LEFT and _REPORT not in entries):
-            found.append(place)
+            # Numbers are sorted by value, and before words.
+            found[place] = [
+                (int(part), "") if part.isdecimal() else (2**63, part) for part in parts
+            ]
     if not found:
         raise VoccError(
             f"input {folder} holds no job: give a folder that a multirun of task=test"
             f" wrote, with 0/{TABLE}, 1/{TABLE} and so on"
         )
     jobs = []
-    for place in sorted(found, key=order):
-        name = place.relative_to(folder).as_posix()
-        name = folder.resolve().name if place == folder else name
+    for place in sorted(found, key=found.__getitem__):
+        name = (
+            place.relative_to(folder).as_posix()
+            if found[place]
+            else folder.resolve().name
+        )
         jobs += read_jobs(place, printable(name))
     return jobs
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from vocc_torch.api import SimulatedFrames
+from vocc_torch.api import simulate
 from vocc_torch.measure import build, config, plan
 from vocc_torch.receiver import onnx_graph
 from vocc_torch.report import folder as run_folder
@@ -80,10 +80,9 @@ def crops(study: plan.Plan, frames: int) -> Iterator[tuple[Tensor, Tensor]]:
     Yields:
         Batches (B,H,W) uint8 and their panels' corners (B,4,2), from each crop's first pixel on.
     """
-    every = SimulatedFrames(
+    for batch in simulate(
         study.world, frames, study.seed, batch=study.batch_frames, point="export"
-    )
-    for batch in every:
+    ):
         grey = batch.frames.grey[:, 0].round().clamp(0, 255).byte()
         corners = batch.corners_px - batch.frames.origin_px[:, None]
         yield grey.cpu().contiguous(), corners.cpu()
@@ -101,13 +100,14 @@ def compared(
         graph: likewise.
         batches: what both are given.
     """
-    counted = wrong = off = 0
-    most = 0.0
-    for batch in batches:
-        with torch.inference_mode():
-            (bits, scores), (graph_bits, near) = receiver(*batch)[:2], graph(*batch)[:2]
-        counted += bits.numel()
-        wrong += int((bits != graph_bits).sum())
-        off += int((scores != near).sum())
-        most = max(most, float((scores - near).abs().max()))
-    return GraphDifference(counted, wrong, off, most)
+    answers = []
+    with torch.inference_mode():
+        for batch in batches:
+            answers.append((*receiver(*batch)[:2], *graph(*batch)[:2]))
+    bits, scores, graph_bits, near = map(torch.cat, zip(*answers, strict=True))
+    return GraphDifference(
+        bits.numel(),
+        int((bits != graph_bits).sum()),
+        int((scores != near).sum()),
+        float((scores - near).abs().max()),
+    )

@@ -30,26 +30,16 @@ class FeatureCase(PartCase):
     def patches(self, shape: PanelShape, samples: int) -> Tensor:
         """Draw three rectified panels with one On LED in three, (3,1,(R+2)K,(C+2)K) float32."""
         generator = torch.Generator().manual_seed(3)
-        bits = torch.arange(shape.leds).view(1, shape.rows, shape.columns) % 3 == 0
+        bits = torch.arange(shape.leds).view(1, *shape.sides) % 3 == 0
         light = torch.nn.functional.pad(60 + 120.0 * bits, (1, 1, 1, 1), value=50.0)
-        high = (
-            light.repeat_interleave(samples, 1)
-            .repeat_interleave(samples, 2)
-            .expand(3, -1, -1)
-        )
-        return (high + torch.rand(high.shape, generator=generator))[
-            :, None
-        ].contiguous()
+        scale = torch.ones(samples, samples)
+        grey = torch.kron(light.expand(3, -1, -1).contiguous(), scale)
+        return (grey + torch.rand(grey.shape, generator=generator))[:, None]
 
     def asked(self) -> tuple[Answer, Tensor]:
         """Give the feature of panels of 6 x 6 LEDs, and three of them."""
         shape, feature = PanelShape(6, 6), self.feature()
         return lambda patches: feature(patches, shape), self.patches(shape, 8)
-
-    def measured(self) -> Tensor:
-        """Measure three panels of 6 x 6 LEDs."""
-        shape = PanelShape(6, 6)
-        return self.feature()(self.patches(shape, 8), shape)
 
     @pytest.mark.parametrize("size", [(1, 1), (2, 3), (4, 4), (8, 8), (5, 16)])
     @pytest.mark.parametrize("samples", [2, 5, 8])
@@ -65,7 +55,8 @@ class FeatureCase(PartCase):
 
     def test_on_differs_from_off(self) -> None:
         """The values of On and Off LEDs lie apart by more than they spread, if the case says so."""
-        values = self.measured()[0].flatten().double()
+        answer, patches = self.asked()
+        values = answer(patches)[0].flatten().double()
         on = torch.arange(len(values)) % 3 == 0
         apart = (values[on].mean() - values[~on].mean()).abs()
         assert (
@@ -80,8 +71,10 @@ class FeatureCase(PartCase):
 
     def test_double_precision_gives_the_same_values(self) -> None:
         """float64 patches have the values of float32 ones, but for rounding."""
-        shape = PanelShape(6, 6)
-        double = self.feature()(self.patches(shape, 8).double(), shape)
+        answer, patches = self.asked()
         torch.testing.assert_close(
-            double.float(), self.measured().float(), rtol=1e-3, atol=1e-3
+            answer(patches.double()).float(),
+            answer(patches).float(),
+            rtol=1e-3,
+            atol=1e-3,
         )

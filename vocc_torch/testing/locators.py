@@ -22,13 +22,6 @@ def equal(first: Panels, second: Panels) -> bool:
     )
 
 
-def noise(frames: int, height: int, width: int) -> Tensor:
-    """Draw uint8 frames of noise, (B,H,W)."""
-    generator = torch.Generator().manual_seed(1)
-    size = frames, height, width
-    return torch.randint(0, 256, size, generator=generator).to(torch.uint8)
-
-
 class LocatorCase(PartCase):
     """Tests of a locator; a subclass named ``Test...`` writes :meth:`locator` and :meth:`scenes`.
 
@@ -82,15 +75,13 @@ class LocatorCase(PartCase):
         assert (cells <= self.tolerance_cells).all(), cells.tolist()
 
     def test_panels_are_found(self) -> None:
-        """Every panel is found."""
-        assert self.located()[1].found.all()
-
-    def test_corners_are_near_the_truth(self) -> None:
-        """Every corner lies within the tolerance."""
-        self.assert_near(self.located()[1].corners_px, self.scenes()[1])
+        """Every panel is found, and its corners lie within the tolerance."""
+        panels = self.located()[1]
+        assert panels.found.all()
+        self.assert_near(panels.corners_px, self.scenes()[1])
 
     def test_answers_have_the_right_kind(self) -> None:
-        """Shapes and dtypes are those of ``Panels``."""
+        """Shapes and dtypes are those of ``Panels``, and corners are plain tensors."""
         frames, panels = self.located()
         kinds = {
             "corners_px": ((len(frames), 4, 2), torch.float64),
@@ -101,11 +92,7 @@ class LocatorCase(PartCase):
         for name, kind in kinds.items():
             column = getattr(panels, name)
             assert (column.shape, column.dtype) == kind, name
-
-    def test_corners_are_clockwise(self) -> None:
-        """Corners go clockwise around an area."""
-        x, y = self.located()[1].corners_px.unbind(2)
-        assert ((x * y.roll(-1, 1) - x.roll(-1, 1) * y).sum(1) > 0).all()
+            assert not column.requires_grad
 
     def test_a_picture_that_is_moved_moves_the_corners(self) -> None:
         """With border pixels added on the left and above, corners move by as much."""
@@ -132,10 +119,6 @@ class LocatorCase(PartCase):
         finally:
             torch.set_default_dtype(before)
 
-    def test_no_answer_asks_for_a_gradient(self) -> None:
-        """Corners are plain tensors."""
-        assert not self.located()[1].corners_px.requires_grad
-
     @pytest.mark.parametrize("level", [0, 90, 255])
     def test_nothing_is_found_in_a_constant_frame(self, level: int) -> None:
         """One grey value shows no panel: corners and score are zeros."""
@@ -146,15 +129,12 @@ class LocatorCase(PartCase):
         assert not panels.corners_px.any()
         assert not panels.score.any()
 
-    @pytest.mark.parametrize("size", [(1, 1), (3, 40), (12, 12)])
-    def test_small_frames_are_taken(self, size: tuple[int, int]) -> None:
-        """Frames of few pixels give finite answers."""
-        panels = self.locator()(noise(2, *size), self.shape)
-        assert panels.corners_px.isfinite().all()
-
-    def test_noise_gives_finite_answers(self) -> None:
-        """Noise breaks nothing, and shows no panel where the case says so."""
-        panels = self.locator()(noise(2, 90, 120), self.shape)
+    @pytest.mark.parametrize("size", [(1, 1), (3, 40), (12, 12), (90, 120)])
+    def test_noise_gives_finite_answers(self, size: tuple[int, int]) -> None:
+        """Noise of any size breaks nothing, and shows no panel where the case says so."""
+        draws = torch.Generator().manual_seed(1)
+        noise = torch.randint(0, 256, (2, *size), generator=draws).byte()
+        panels = self.locator()(noise, self.shape)
         assert panels.corners_px.isfinite().all()
         assert panels.score.isfinite().all()
         assert not (self.finds_nothing_in_noise and panels.found.any())
@@ -175,9 +155,7 @@ class LocatorCase(PartCase):
         assert hash(self.locator()) == hash(self.locator())
 
     def test_it_can_be_sent_to_another_process(self) -> None:
-        """Pickled and read back it is the same."""
-        assert pickle.loads(pickle.dumps(self.locator())) == self.locator()
-
-    def test_its_name_is_a_word(self) -> None:
-        """Configurations and results name it."""
-        assert self.locator().label.isidentifier()
+        """Pickled and read back it is the same, and its name in results is a word."""
+        locator = pickle.loads(pickle.dumps(self.locator()))
+        assert locator == self.locator()
+        assert locator.label.isidentifier()

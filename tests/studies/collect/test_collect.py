@@ -215,17 +215,6 @@ def test_keys_of_an_experiment_that_follow_from_its_name_are_left_out():
 # Picture and table
 
 
-def jobs():
-    """Jobs of two experiments, one that failed, one with more receivers."""
-    three = ("flda_agr", "flda_2", "flda_3")
-    more = made_up_table("ambient_lx", (1000.0, 4000.0, 32000.0), three, errors=400)
-    return [
-        SweepJob("0", "done", table=made_up_table(), settings={"seed": 1}),
-        SweepJob("1", "failed", "seed is 2: it must be another", settings={"seed": 2}),
-        SweepJob("2", "done", table=more, settings={"seed": 3}),
-    ]
-
-
 def test_escape_codes_in_what_others_wrote_do_not_reach_the_terminal(tmp_path):
     """Nor do they stop the table: names of folders, settings, complaints and cells, with bytes of no text."""
     table = made_up_table(receivers=("\x1b[31mred",), axis="[/b]")

@@ -91,14 +91,15 @@ def test_the_mix_is_the_discriminant_of_scikit_learn(margin):
         [cell_means(rectify(take, panels, SHAPE, 8), SHAPE).double() for take in takes],
         dim=-1,
     )
-    weights, offset = fisher_mix(cells, torch.from_numpy(bits)[None], margin)
     inside = slice(None) if margin else slice(1, -1)
-    rows = cells[0, inside, inside].reshape(-1, 3).numpy()
-    on = (np.pad(bits, 1) if margin else bits).ravel()
+    cells = cells[:, inside, inside]
+    on = np.pad(bits, 1) if margin else bits
+    mix = fisher_mix("mix", cells, torch.from_numpy(on)[None])
+    weights, rows, on = mix.weights, cells.reshape(-1, 3).numpy(), on.ravel()
     (theirs,) = LinearDiscriminantAnalysis(solver="eigen").fit(rows, on).coef_
     cosine = np.dot(theirs, weights) / np.linalg.norm(theirs) / np.linalg.norm(weights)
     assert cosine == pytest.approx(1, abs=1e-6)
-    mixed = rows @ np.array(weights) + offset
+    mixed = rows @ np.array(weights) + mix.offset
     assert mixed[on].mean() > mixed[~on].mean()
     assert (mixed.min(), mixed.max()) == pytest.approx((63.75, 191.25))
 

@@ -5,12 +5,12 @@ import subprocess
 import sys
 import warnings
 
-import av
 import numpy as np
 import pillow_heif
 import pytest
 import torch
 from composing import composed
+from film_files import write_film
 from PIL import Image
 
 import vocc_torch as vt
@@ -112,13 +112,8 @@ def test_ten_files_of_a_person(receiver, grey, photo_bits, tmp_path, name):
 
 def test_a_film_that_lies_on_its_side(receiver, grey, photo_bits, tmp_path):
     """``turn`` is clockwise, ``numpy.rot90`` is not."""
-    turned = np.ascontiguousarray(np.rot90(grey)[:360, :346, None].repeat(3, 2))
-    with av.open(str(tmp_path / "side.mp4"), "w") as container:
-        stream = container.add_stream("mpeg4", rate=25)
-        stream.height, stream.width = turned.shape[:2]
-        stream.pix_fmt, stream.bit_rate = "yuv420p", 8_000_000
-        frame = av.VideoFrame.from_ndarray(turned, format="rgb24")
-        container.mux([*stream.encode(frame), *stream.encode()])
+    turned = np.ascontiguousarray(np.rot90(grey)[None, :360, :346])
+    write_film(tmp_path / "side.mp4", turned)
     assert texts(tmp_path / "side.mp4", receiver, turn=90) == [photo_bits]
 
 

@@ -28,16 +28,14 @@ def test_the_shape_of_photographed_panels(photo, name):
 
 def test_a_shape_is_sure_where_the_next_is_far(monkeypatch):
     """On the second frame, where the first shows none; a frame without a panel is not sure."""
-    told = iter([[1.0, 1.0], [1e-6, 1e-3]])
-    monkeypatch.setattr(
-        shapes, "alarms_of", lambda *_: zip(next(told), (0, 1), strict=True)
-    )
+    rates = iter([1.0, 1.0, 1.0, 1e-6, 1e-3, 1.0])
+    monkeypatch.setattr(shapes, "false_alarms", lambda *_: next(rates))
     grey = np.zeros((9, 9), np.uint8)
     choice = shapes.find_shape("street", [grey, grey], 32, "auto")
-    assert choice == (PanelShape(32, 8), 1e-6, PanelShape(32, 16), 1e-3, True)
-    for rates in ([1e-6, 2e-5], [2e-3, 1.0], [1.0, 1.0]):
-        told = iter([rates])
-        assert not shapes.likeliest("street", grey, [PanelShape()] * 2).is_sure
+    assert choice == (PanelShape(32, 8), 1e-6, PanelShape(32, 16), 1e-3)
+    assert choice.is_sure
+    for first, second in ([1e-6, 2e-5], [2e-3, 1.0], [1.0, 1.0]):
+        assert not choice._replace(false_alarms=first, next_alarms=second).is_sure
 
 
 def test_a_receiver_of_ones_own_knows_its_shape():

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 from vocc_torch.errors import (
     VoccError,
-    demand_declared,
     demand_ranges,
+    demand_within,
     demand_word,
     within,
 )
@@ -153,7 +153,7 @@ class MessagesConfig:
             values = getattr(self, name)
             for value in values:
                 rules = ranges["at_ratio" if name == "ratio" else "at_distance_m"]
-                demand_declared(f"messages.{name}", value, rules)
+                demand_within(f"messages.{name}", value, **rules)
             if not all(a < b for a, b in pairwise(values)):
                 raise VoccError.of(f"messages.{name}", values, "ascending")
         if not any(getattr(self, axis) for axis in AXES):

@@ -129,7 +129,7 @@ def placed(
     samples, margin = (SETTINGS.samples,) * 2, SETTINGS.margin
     patches = pyramid.read_cells(quads, homography, shape, samples, margin)
     logit, moves = net(patches, shape)
-    return logit, map_cells(homography, corner_cells(shape) + moves.double())
+    return logit, map_cells(homography, corner_cells(shape).to(quads) + moves.double())
 
 
 def placed_in_views(

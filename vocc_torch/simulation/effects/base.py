@@ -15,7 +15,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from vocc_torch.errors import VoccError, demand_declared
+from vocc_torch.errors import VoccError, demand_within
 from vocc_torch.errors import within as within
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.plugins import blamed
@@ -236,7 +236,7 @@ class Effect(ABC):
                 object.__setattr__(self, parameter.name, setting)
             key = f"scene.effects.{self.name}.{parameter.name}"
             for value in getattr(setting, "bounds", (setting,)):
-                demand_declared(key, value, rule)
+                demand_within(key, value, **rule)
 
     def reach_in_px(self, camera: Camera, nearest_m: float) -> int:
         """How far the effect carries light in frames of this camera, of panels at ``nearest_m`` or farther.

@@ -1,6 +1,6 @@
 """``decode.channel=auto``: find the mix that parts On from Off; ``unmix``: the colours sent at once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -86,68 +86,78 @@ FIXED = (
 """What is tried before any panel is known."""
 
 
-def channel_of(receiver: Receiver, colours: Sequence[Bytes]) -> tuple[Mix, float, int]:
-    """Find the plane in which a receiver parts On from Off best, how far, and in how many frames surely.
+class Trial(NamedTuple):
+    """Frames decoded in one plane.
+
+    Args:
+        sure: panels that are not doubtful.
+        apart: mean of :func:`~vocc_torch.studies.decode.judge.parted`.
+        mix: the plane.
+        read: what was read.
+    """
+
+    sure: int
+    apart: float
+    mix: Mix
+    read: Decoded
+
+
+def channel_of(receiver: Receiver, colours: Sequence[Bytes]) -> Trial | None:
+    """Find the plane in which a receiver parts On from Off best; None where the frames are grey.
 
     Every plane of :data:`FIXED` is located and decoded. At the panels of the best one, mixes by
     :func:`fisher_mix` are made and decoded too. The planes are compared by frames whose panel is no doubtful
-    one, then by the mean of :func:`~vocc_torch.studies.decode.judge.parted`. Luma stays where no other is
-    clearly better, where the others part On from Off no farther than one level of light is by chance, and
-    where the frames are grey.
+    one, then by the distance of On and Off. Luma stays where no other is clearly better, and where the others
+    part On from Off no farther than one level of light is by chance.
 
     Args:
         receiver: locates and decides.
         colours: frames (H,W,3) uint8 of one size.
     """
-    luma = FIXED[0]
-    if all((one == one[..., :1]).all() for one in colours):
-        return luma, float("nan"), 0
-    judged = {mix: _judged(receiver, mix, colours) for mix in FIXED}
-    best = _best(judged, receiver.shape)
-    read = judged[best].read
+    if all((colour == colour[..., :1]).all() for colour in colours):
+        return None
+    trials = [_tried(receiver, mix, colours) for mix in FIXED]
+    read = _best(trials, receiver.shape).read
     cells = _cells(receiver, np.stack(colours), read.panels)
-    for margin, name in enumerate(("On against Off", "On against Off and surround")):
-        if found := fisher_mix(cells, read.bits[read.found], bool(margin)):
-            mix = Mix(name, *found)
-            judged[mix] = _judged(receiver, mix, colours)
-    best = _best(judged, receiver.shape)
-    return best, judged[best].apart, judged[best].sure
+    bits = read.bits[read.found]
+    on = torch.nn.functional.pad(bits, (1, 1, 1, 1))
+    for mix in (
+        fisher_mix("On against Off", cells[:, 1:-1, 1:-1], bits),
+        fisher_mix("On against Off and surround", cells, on),
+    ):
+        if mix is not None:
+            trials.append(_tried(receiver, mix, colours))
+    return _best(trials, receiver.shape)
 
 
-class _Judged(NamedTuple):
-    """Sure panels of a plane, how far On and Off are apart in the mean, and what was read."""
-
-    sure: int
-    apart: float
-    read: Decoded
-
-
-def _best(judged: Mapping[Mix, _Judged], shape: PanelShape) -> Mix:
+def _best(trials: Sequence[Trial], shape: PanelShape) -> Trial:
     """Choose the plane that parts best of those clearly better than luma and beyond chance; else luma."""
-    luma, best = judged[FIXED[0]], FIXED[0]
+    luma = best = trials[0]
     corners_px = luma.read.corners_px
     reach_px = torch.maximum(*cell_size_px(corners_px, shape))
-    for mix, (sure, apart, read) in judged.items():
-        off_px = (read.corners_px - corners_px).norm(dim=-1).amax(dim=-1)
-        same = bool((off_px <= reach_px)[read.found].all())
+    for trial in trials:
+        off_px = (trial.read.corners_px - corners_px).norm(dim=-1).amax(dim=-1)
+        same = bool((off_px <= reach_px)[trial.read.found].all())
         times = SETTINGS.clearly if same else SETTINGS.elsewhere
-        clearly = luma.apart * times * (sure <= luma.sure)
-        if sure >= luma.sure and apart >= max(LIMITS.least_parted, clearly):
-            best = max(best, mix, key=lambda two: judged[two][:2])
+        clearly = luma.apart * times * (trial.sure <= luma.sure)
+        far = trial.apart >= max(LIMITS.least_parted, clearly)
+        if far and trial.sure >= luma.sure and trial[:2] > best[:2]:
+            best = trial
     return best
 
 
 def _plane(receiver: Receiver, mix: Mix, colours: Sequence[Bytes]) -> torch.Tensor:
     """Mix the grey planes of colours of one size, where the receiver is."""
-    return torch.from_numpy(np.stack([mix(one) for one in colours])).to(receiver.device)
+    planes = np.stack([mix(colour) for colour in colours])
+    return torch.from_numpy(planes).to(receiver.device)
 
 
-def _judged(receiver: Receiver, mix: Mix, colours: Sequence[Bytes]) -> _Judged:
+def _tried(receiver: Receiver, mix: Mix, colours: Sequence[Bytes]) -> Trial:
     """Decode a mix of colours of one size."""
     read = receiver.decode(_plane(receiver, mix, colours))
     apart = torch.where(read.found, parted(read.scores, read.bits), 0.0)
     sure = int((read.found & ~is_doubtful(read)).sum())
-    return _Judged(sure, float(apart.mean()), read)
+    return Trial(sure, float(apart.mean()), mix, read)
 
 
 def _cells(receiver: Receiver, colours: Numbers, panels: Panels) -> torch.Tensor:
@@ -159,35 +169,31 @@ def _cells(receiver: Receiver, colours: Numbers, panels: Panels) -> torch.Tensor
     return torch.stack(means, dim=-1)[panels.found]
 
 
-def fisher_mix(
-    cells: torch.Tensor, bits: torch.Tensor, margin: bool
-) -> tuple[tuple[float, ...], float] | None:
+def fisher_mix(name: str, cells: torch.Tensor, on: torch.Tensor) -> Mix | None:
     """Weigh channels by Fisher's discriminant of the colours of On cells and of Off ones, in float64.
 
     A singular scatter, as of a colour that does not vary, is solved as :meth:`Discriminant.of` states: by the
     least norm, and where the means differ along a direction without scatter, mostly along that.
 
     Args:
-        cells: (B,R+2,C+2,3) float64 red, green and blue.
-        bits: (B,R,C) bool, the two groups.
-        margin: whether the cells around the panel count as Off.
+        name: of the mix.
+        cells: (B,R,C,3) float64 red, green and blue.
+        on: (B,R,C) bool, the two groups.
 
     Returns:
-        Weights and offset, On brighter than Off, so that the cells take the middle half of 0 to 255; None
-        where there are no two groups.
+        The mix in which On is brighter than Off and the cells take the middle half of 0 to 255; None where
+        there are no two groups.
     """
-    on = torch.nn.functional.pad(bits, (1, 1, 1, 1))
-    if not margin:
-        cells, on = cells[:, 1:-1, 1:-1], on[:, 1:-1, 1:-1]
-    rows, on = cells.reshape(-1, 3), on.reshape(-1)
     if on.all() or not on.any():
         return None
-    direction = Discriminant.of(ClassScatter.of_rows(rows, on))[0].direction
+    rows = cells.reshape(-1, 3)
+    scatter = ClassScatter.of_rows(rows, on.reshape(-1))
+    direction = Discriminant.of(scatter)[0].direction
     low, high = (float(end) for end in (rows @ direction).aminmax())
     if not high > low:
         return None
     gain = 127.5 / (high - low)
-    return tuple((direction * gain).tolist()), 63.75 - low * gain
+    return Mix(name, tuple((direction * gain).tolist()), 63.75 - low * gain)
 
 
 def unmixed(
@@ -208,19 +214,19 @@ def unmixed(
         where there is no panel, where two colours, or a colour and none, send the same bits, and where On and
         Off of a colour lie no farther apart than one level of light does by chance.
     """
-    judged = {mix: _judged(receiver, mix, colours) for mix in FIXED}
-    best = max(judged, key=lambda mix: judged[mix][:2])
-    panels = judged[best].read.panels
+    trials = [_tried(receiver, mix, colours) for mix in FIXED]
+    best = max(trials, key=lambda trial: trial[:2])
+    panels = best.read.panels
     cells = _cells(receiver, LIGHT_OF_GREY[np.stack(colours)], panels)
     rows = cells[:, 1:-1, 1:-1].reshape(-1, 3)
     if not len(rows):
-        return best, ()
+        return best.mix, ()
     bits = rows > (rows.amin(0) + rows.amax(0)) / 2
     least = SETTINGS.least_singular * len(rows) ** 0.5
     for _ in range(SETTINGS.rounds):
         design = torch.nn.functional.pad(bits.double(), (1, 0), value=1.0)
         if torch.linalg.svdvals(design)[-1] < least:
-            return best, ()
+            return best.mix, ()
         light = torch.linalg.lstsq(design, rows, driver="gelsd").solution
         inverse = torch.linalg.pinv(light[1:])
         before, bits = bits, (rows - light[0]) @ inverse > 0.5
@@ -228,16 +234,18 @@ def unmixed(
             break
     strength, channel = light[1:].max(1)
     inverse = inverse * strength
-    offsets = (light[0, channel] - light[0] @ inverse).tolist()
-    mixes = []
-    each = zip(CHANNELS[2:5], inverse.T.tolist(), offsets, strict=True)
-    for name, weights, offset in each:
-        mix = Mix(name, tuple(weights), offset, True)
+    offsets = light[0, channel] - light[0] @ inverse
+    mixes = [
+        Mix(name, tuple(weights), offset, True)
+        for name, *weights, offset in zip(
+            CHANNELS[2:5], *inverse.tolist(), offsets.tolist(), strict=True
+        )
+    ]
+    for mix in mixes:
         with torch.inference_mode():
             read = receiver(_plane(receiver, mix, colours), panels)
         apart = parted(read.scores, read.bits)[panels.found].mean()
         # NaN where no panel is found, which is no distance either.
         if not apart >= SETTINGS.least_parted:
-            return best, ()
-        mixes.append(mix)
-    return best, tuple(mixes)
+            return best.mix, ()
+    return best.mix, tuple(mixes)

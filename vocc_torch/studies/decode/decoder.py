@@ -1,6 +1,5 @@
 """Anything that holds frames in, readings out: what ``vt.decode`` and ``task=decode`` share."""
 
-import math
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -16,7 +15,7 @@ from vocc_torch.recordings.frames import RecordedFrame, turned
 from vocc_torch.recordings.reading import read_source, readable
 from vocc_torch.recordings.streams import is_stream
 from vocc_torch.studies.decode import DecodeConfig
-from vocc_torch.studies.decode.colour import SETTINGS, Mix, channel_of, unmixed
+from vocc_torch.studies.decode.colour import FIXED, SETTINGS, Mix, channel_of, unmixed
 from vocc_torch.studies.decode.reading import Reading, is_adjustable, read_panels
 from vocc_torch.studies.decode.shapes import AUTO, ShapeChoice, find_shape
 from vocc_torch.types import PanelShape, resolve_device
@@ -146,8 +145,8 @@ def sized_receiver(
     rows = has.rows if rows is None else rows
     columns = has.columns if columns is None else columns
     shape = PanelShape(rows, columns)  # type: ignore[arg-type]  # refuses what is no number
-    if shape != has and name in SHIPPED:
-        receiver = shipped_receiver(name, shape)
+    if name in SHIPPED:
+        receiver.reader = replace(receiver.reader, shape=shape)
     elif shape != has:
         raise VoccError(
             f"model {model} reads a panel of {has.rows} x {has.columns} LEDs, and"
@@ -207,7 +206,7 @@ def in_channel(
     if channel not in ("auto", "unmix"):
         return recording, "", ()
     first, recording = looked_ahead(recording)
-    size, mixes = first[0].colour.shape, tuple[Mix, ...]()
+    size, mix, mixes = first[0].colour.shape, FIXED[0], tuple[Mix, ...]()
     shown = [frame.colour for frame in first if frame.colour.shape == size]
     frames = f"the first {len(shown)} frames"
     if channel == "unmix":
@@ -215,19 +214,17 @@ def in_channel(
         if not mixes:
             rule = f"auto, or one channel: {frames} show no panel on which three colours differ"
             raise VoccError.of("decode.channel", "unmix", rule)
-        weights = "; ".join(map(str, mixes))
-        text = f"{weights}, of linear light; located in {mix.name}"
+        text = f"{'; '.join(map(str, mixes))}, of linear light; located in {mix.name}"
+    elif (best := channel_of(receiver, shown)) is None:
+        text = f"{mix}, for {frames} are grey"
     else:
-        mix, apart, sure = channel_of(receiver, shown)
-        reason = (
-            f"On and Off lie {apart:.3g} standard deviations apart in {frames},"
-            f" {sure} of them without doubt"
-        )
-        if math.isnan(apart):
-            reason = f"{frames} are grey"
-        elif not apart:
-            reason = f"no panel was found in {frames}"
-        text = f"{mix}, for {reason}"
-    if mixes or mix.name != "luma":
+        mix = best.mix
+        text = f"{mix}, for no panel was found in {frames}"
+        if best.apart:
+            text = (
+                f"{mix}, for On and Off lie {best.apart:.3g} standard deviations apart"
+                f" in {frames}, {best.sure} of them without doubt"
+            )
+    if mix != FIXED[0] or mixes:
         recording = (replace(frame, grey=mix(frame.colour)) for frame in recording)
     return recording, f"decode.channel={channel}: {text}", mixes

@@ -1,6 +1,6 @@
 """``panel.rows=auto``: which of the usual shapes a panel has, and how sure that is."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -50,14 +50,18 @@ class ShapeChoice(NamedTuple):
         false_alarms: expected in a frame without a panel, at the place where the panel was found.
         next_shape: the next likely shape.
         next_alarms: its false alarms.
-        is_sure: whether the first is far likelier than the next.
     """
 
     shape: PanelShape
     false_alarms: float
     next_shape: PanelShape
     next_alarms: float
-    is_sure: bool
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the first is likely, and far likelier than the next."""
+        least = SETTINGS.sure_ratio * self.false_alarms
+        return self.false_alarms <= SETTINGS.sure_rate and self.next_alarms >= least
 
     def __str__(self) -> str:
         """Say the shape and how sure it is, in one line."""
@@ -99,27 +103,16 @@ def find_shape(
         raise VoccError.of(key, value, f"one of {usual} where the other is auto")
     choices = []
     for grey in greys:
-        choices.append(likeliest(model, grey, shapes))
-        if choices[-1].is_sure:
-            return choices[-1]
+        alarms = {shape: false_alarms(model, grey, shape) for shape in shapes}
+        first, second, *_ = sorted(shapes, key=alarms.__getitem__)
+        choice = ShapeChoice(first, alarms[first], second, alarms[second])
+        if choice.is_sure:
+            return choice
+        choices.append(choice)
     return min(choices, key=lambda choice: choice.false_alarms)
 
 
-def likeliest(
-    model: str,
-    grey: Bytes,
-    shapes: Sequence[PanelShape],
-) -> ShapeChoice:
-    """Compare shapes on one frame by the false alarms that the locator states."""
-    (rate, place), (next_rate, second), *_ = sorted(alarms_of(model, grey, shapes))
-    is_sure = rate <= SETTINGS.sure_rate and next_rate >= SETTINGS.sure_ratio * rate
-    return ShapeChoice(shapes[place], rate, shapes[second], next_rate, is_sure)
-
-
-def alarms_of(
-    model: str, grey: Bytes, shapes: Sequence[PanelShape]
-) -> Iterator[tuple[float, int]]:
-    """Give the false alarms of each shape and its place in the list; 1 where nothing is like a panel."""
-    for place, shape in enumerate(shapes):
-        alarms = shipped_receiver(model, shape).decode(grey).false_alarms
-        yield min(float(alarms.nan_to_num(nan=1.0)[0]), 1.0), place
+def false_alarms(model: str, grey: Bytes, shape: PanelShape) -> float:
+    """Give the false alarms that the locator states for a shape; 1 where nothing is like such a panel."""
+    alarms = shipped_receiver(model, shape).decode(grey).false_alarms
+    return min(float(alarms.nan_to_num(nan=1.0)[0]), 1.0)

@@ -1,24 +1,10 @@
 """A window that shows frames with the panel's corners and bits while they are read: Rerun's viewer."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from vocc_torch.errors import VoccError, library
 from vocc_torch.report.annotation import led_centres_px
 from vocc_torch.studies.decode.reading import Reading
-
-
-@dataclass(frozen=True)
-class ViewerSettings:
-    """How LEDs are drawn."""
-
-    on: tuple[int, int, int] = (0, 114, 178)
-    off: tuple[int, int, int] = (230, 159, 0)
-    radius_px: float = 2.0
-
-
-SETTINGS = ViewerSettings()
 
 
 class Viewer:
@@ -48,9 +34,10 @@ class Viewer:
             return
         outline = reading.corners_px[[0, 1, 2, 3, 0]]
         rerun.log("frame/panel/outline", rerun.LineStrips2D([outline]))
-        colours = [SETTINGS.on if bit else SETTINGS.off for bit in reading.bits.ravel()]
+        on, off = (0, 114, 178), (230, 159, 0)
+        colours = [on if bit else off for bit in reading.bits.ravel()]
         points = led_centres_px(reading.corners_px, reading.bits)
         rerun.log(
             "frame/panel/bits",
-            rerun.Points2D(points, colors=colours, radii=SETTINGS.radius_px),
+            rerun.Points2D(points, colors=colours, radii=2.0),  # px
         )

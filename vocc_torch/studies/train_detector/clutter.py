@@ -95,10 +95,10 @@ class Lattices(street.Sketched):
 def lattice(g: Generator, light: roadside.Light) -> Sketch:
     """Draw a lattice that is no panel, with a board or without; a cell has a side of 1."""
     ruled, scattered, bricks, disc, sparse = g.random(5) < (0.5, 0.45, 0.3, 0.3, 0.25)
-    rows, columns = (int(side) for side in g.choice(SIDES, 2))
-    row, column = np.indices((rows, columns))
-    at = np.stack([column - (columns - 1) / 2, row - (rows - 1) / 2], axis=-1)
-    far = np.hypot(*(at * 2 / (columns, rows)).T).T
+    size = g.choice(SIDES, 2)[::-1]
+    row, column = np.indices(tuple(size[::-1]))
+    at = np.stack([column, row], axis=-1) - (size - 1) / 2
+    far = np.hypot(*(at * 2 / size).T).T
     lit, shown = g.random(row.shape) < g.uniform(0.2, 0.8), np.ones(row.shape, bool)
     if ruled or not (scattered or bricks or disc or sparse):
         down, across = g.integers(3, size=2)
@@ -116,9 +116,8 @@ def lattice(g: Generator, light: roadside.Light) -> Sketch:
         lit = shown
     drawing = Sketch()
     if g.random() < 0.7:
-        margin = g.uniform(0, 1.5)
-        half = columns / 2 + margin, rows / 2 + margin
-        drawing.box(half[0], -half[1], half[1], light.matt(g, 0.02, 0.6))
+        wide, high = size / 2 + g.uniform(0, 1.5)
+        drawing.box(wide, -high, high, light.matt(g, 0.02, 0.6))
     bright = light.led_cd_m2 * roadside.spread(g, 0.1, 2)
     luminance = np.where(lit, bright, light.matt(g, 0.03, 0.6))
     fill, round_dots = g.uniform(0.2, 0.95), bool(g.random() < 0.6)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import cycle
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -91,13 +92,12 @@ class PoolBlock(NamedTuple):
 
 def blocks_of(folder: Path, seed: int, rounds: int) -> list[PoolBlock]:
     """List the blocks: in each round two of each scene without a panel, three with, and one plain scene."""
-    blocks, common, others = [], SETTINGS.common, SETTINGS.others
+    blocks, common = [], SETTINGS.common
+    plains, others = cycle(PLAIN), cycle(SETTINGS.others)
     for number in range(rounds):
-        plain = PLAIN[number % len(PLAIN)]
-        kinds = [(plain, 0, common[0])]
-        for place, scene in enumerate(SCENES):
-            other = others[(len(SCENES) * number + place) % len(others)]
-            shapes = ((0, 0), (0, 0), *common, other)
+        kinds = [(next(plains), 0, common[0])]
+        for scene in SCENES:
+            shapes = ((0, 0), (0, 0), *common, next(others))
             kinds += [(scene, part, sides) for part, sides in enumerate(shapes)]
         for scene, part, sides in kinds:
             path = folder / f"{number:03d}_{scene}_{part}.npz"

@@ -20,8 +20,10 @@ from vocc_torch.receiver.model_file import UNFIT
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
 from vocc_torch.studies.train_detector import TrainDetectorConfig
-from vocc_torch.studies.train_detector.judge_training import JudgeSampler
-from vocc_torch.studies.train_detector.placer_training import PlacerSampler
+from vocc_torch.studies.train_detector.candidate_training import (
+    JudgeSampler,
+    PlacerSampler,
+)
 from vocc_torch.studies.train_detector.pool import Pool, blocks_of, render
 from vocc_torch.studies.train_detector.sampling import Sampler
 from vocc_torch.studies.train_detector.scout_training import ScoutSampler

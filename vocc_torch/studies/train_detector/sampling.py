@@ -1,8 +1,7 @@
 """Batches of pictures that a network is trained on: of panels, of clutter, and of what the networks find."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import torch
@@ -14,59 +13,43 @@ from vocc_torch.receiver.detector.scout import Scout, propose
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.resample import cell_homography, corner_cells, map_cells
 from vocc_torch.studies.train_detector.pool import Form, Pool
-from vocc_torch.types import PanelShape
+from vocc_torch.types import Batched, PanelShape
 
 UNIT = PanelShape(1, 1)
 
 
 @dataclass(frozen=True)
 class SamplingSettings:
-    """What counts as a candidate, how often it is seen, and what cameras do to pictures."""
+    """What counts as a candidate, and how often it is seen."""
 
     near: float = 0.3  # of a side, corners that a network can move to the panel
     clear: float = 0.6  # of a diagonal, centres farther away are of clutter
     least_weight: float = 0.05  # of unlikely candidates in a draw; likely ones have 1
-    # Each share is of the pictures, and white is 1.
-    kernel_px: int = 9  # side of a blur's kernel
-    blur_px: tuple[float, float] = (0.3, 1.6)  # standard deviation
-    blur_share: float = 0.4
-    sharpness: float = 1.0  # at most
-    sharpness_share: float = 0.2
-    light: tuple[float, float] = (0.01, 0.2)  # difference from side to side
-    light_share: float = 0.2
-    contrast: tuple[float, float] = (0.5, 1.5)  # factor
-    brightness: tuple[float, float] = (0.95, 1.1)  # factor
-    gamma: tuple[float, float] = (0.45, 0.9)
-    gamma_share: float = 0.35
-    noise: float = 0.004  # standard deviation
-    noise_share: float = 0.65
-    strong_noise: float = 0.02  # standard deviation
-    strong_noise_share: float = 0.35
 
 
 SETTINGS = SamplingSettings()
 
-AUGMENTATION = nn.Sequential(
-    augmentation.RandomGaussianBlur(
-        (SETTINGS.kernel_px, SETTINGS.kernel_px),
-        SETTINGS.blur_px,
-        "replicate",
-        p=SETTINGS.blur_share,
-    ),
-    augmentation.RandomSharpness(SETTINGS.sharpness, p=SETTINGS.sharpness_share),
-    augmentation.RandomLinearIllumination(SETTINGS.light, p=SETTINGS.light_share),
-    augmentation.RandomContrast(SETTINGS.contrast),
-    augmentation.RandomBrightness(SETTINGS.brightness),
-    augmentation.RandomGamma(SETTINGS.gamma, p=SETTINGS.gamma_share),
-    augmentation.RandomGaussianNoise(std=SETTINGS.noise, p=SETTINGS.noise_share),
-    augmentation.RandomGaussianNoise(
-        std=SETTINGS.strong_noise, p=SETTINGS.strong_noise_share
-    ),
-)
-"""What cameras do to pictures (B,1,H,W) of 0 to 1."""
+
+def camera_effects() -> nn.Sequential:
+    """Give what cameras do to pictures (B,1,H,W) of 0 to 1.
+
+    A share ``p`` of the pictures has each effect. The blur's kernel and standard deviation are in px; light and
+    noise are shares of white; contrast, brightness and gamma are factors and exponents.
+    """
+    return nn.Sequential(
+        augmentation.RandomGaussianBlur((9, 9), (0.3, 1.6), "replicate", p=0.4),
+        augmentation.RandomSharpness(1.0, p=0.2),
+        augmentation.RandomLinearIllumination((0.01, 0.2), p=0.2),
+        augmentation.RandomContrast((0.5, 1.5)),
+        augmentation.RandomBrightness((0.95, 1.1)),
+        augmentation.RandomGamma((0.45, 0.9), p=0.35),
+        augmentation.RandomGaussianNoise(std=0.004, p=0.65),
+        augmentation.RandomGaussianNoise(std=0.02, p=0.35),
+    )
 
 
-class Found(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Found(Batched):
     """Candidates of frames.
 
     Args:
@@ -83,21 +66,12 @@ class Found(NamedTuple):
     score: Tensor
     truth: Tensor
 
-    def rows(self, chosen: Tensor | slice) -> "Found":
-        """Give some of them."""
-        return Found(*(part[chosen] for part in self))
-
     def drawn(self, count: int) -> "Found":
         """Draw some, likely ones more often; none where there are none."""
         if not len(self.frame):
             return self
         weight = self.score.sigmoid() + SETTINGS.least_weight
-        return self.rows(weight.multinomial(count, replacement=True))
-
-
-def joined(parts: Sequence[Found]) -> Found:
-    """Put candidates together."""
-    return Found(*map(torch.cat, zip(*parts, strict=True)))
+        return self[weight.multinomial(count, replacement=True)]
 
 
 class Pictures(NamedTuple):
@@ -120,8 +94,8 @@ class Pictures(NamedTuple):
 class NetworkTraining:
     """Settings of a network's training."""
 
-    shapes: tuple[tuple[int, int], ...]  # rows and columns, one of them a batch
-    shape_shares: tuple[float, ...]
+    # Rows and columns, of which a batch has one, and how often it is that one.
+    shapes: tuple[tuple[int, int, float], ...]
     # Pictures of a batch.
     rendered: int  # with a panel, about its true corners
     near: int  # candidates of the networks before, with a panel
@@ -140,10 +114,11 @@ class Sampler(ABC):
 
     def __init__(self, pool: Pool, scale: int = 1) -> None:
         self.pool, self.scale = pool, scale
+        self.effects = camera_effects()
         shapes = self.settings.shapes
-        self.forms = [self.form(PanelShape(*sides)) for sides in shapes]
+        self.forms = [self.form(PanelShape(*sides)) for *sides, _ in shapes]
         self.rendered = [self.panels(form) for form in self.forms]
-        nothing = [found.rows(slice(0)) for found in self.rendered]
+        nothing = [found[:0] for found in self.rendered]
         self.near, self.clutter = nothing, nothing
 
     @abstractmethod
@@ -170,21 +145,24 @@ class Sampler(ABC):
         """Draw a batch of pictures of one form, whose rows are columns in half of the batches."""
         options = self.settings
         there = torch.tensor([len(found.frame) > 0 for found in self.rendered])
-        number = int((torch.tensor(options.shape_shares) * there).multinomial(1))
+        shares = torch.tensor([share for _, _, share in options.shapes])
+        number = int((shares * there).multinomial(1))
         form = self.forms[number]
         # Larger pictures take longer.
         share = self.scale * self.forms[0].px / form.px
         sources = (
-            (self.rendered[number], options.rendered, True),
-            (self.near[number], options.near, False),
-            (self.clutter[number], options.clutter, False),
+            (self.rendered, options.rendered),
+            (self.near, options.near),
+            (self.clutter, options.clutter),
         )
-        drawn = [
-            (found.drawn(max(1, round(share * count))), rough)
-            for found, count, rough in sources
+        parts = [
+            found[number].drawn(max(1, round(share * count)))
+            for found, count in sources
         ]
-        quads = torch.cat([self.moved(found, form, rough) for found, rough in drawn])
-        found = joined([found for found, _ in drawn])
+        quads = torch.cat(
+            [self.moved(found, form, found is parts[0]) for found in parts]
+        )
+        found = Found.cat(parts)
         transposed = bool(torch.rand(()) < 0.5)
         # Pictures are turned and mirrored; in the second half rows are columns.
         orders, others = corner_orders(square=True).chunk(2)
@@ -192,7 +170,7 @@ class Sampler(ABC):
             form, orders = form.transposed, others
         order = orders[torch.randint(len(orders), (len(quads), 1))]
         order = order.mT.expand(-1, -1, 2).to(quads.device)
-        found = found._replace(truth=found.truth.gather(1, order))
+        found = replace(found, truth=found.truth.gather(1, order))
         pictures = self.seen(found, quads.gather(1, order), form)
         if transposed:
             pictures = pictures._replace(shapes=pictures.shapes.flip(1))
@@ -201,7 +179,7 @@ class Sampler(ABC):
     def seen(self, found: Found, quads: Tensor, form: Form) -> Pictures:
         """Read pictures about corners (n,4,2) px of the frames of candidates."""
         shown = self.pool.read(found.frame, quads, form)[:, None] / 255
-        grey = 255 * AUGMENTATION(shown)[:, 0].clamp(0, 1)
+        grey = 255 * self.effects(shown)[:, 0].clamp(0, 1)
         panel = found.truth.flatten(1).any(1)
         corners = cells_at(found.truth, quads, form.cells).float()
         corners = corners * panel[:, None, None]
@@ -224,7 +202,7 @@ def proposals(net: Scout, pool: Pool, frames: Tensor) -> Found:
         quads, score, level = propose(net, pool.pyramid(frame), shape)
         number = torch.full_like(level, frame)
         parts.append(Found(number, level, quads, score, torch.zeros_like(quads)))
-    return joined(parts)
+    return Found.cat(parts)
 
 
 def with_truth(pool: Pool, found: Found) -> tuple[Found, Found]:
@@ -236,8 +214,8 @@ def with_truth(pool: Pool, found: Found) -> tuple[Found, Found]:
     apart = (found.quads.mean(1) - truth.mean(1)).norm(dim=1)
     sizes = [(quads[:, 0] - quads[:, 2]).norm(dim=1) for quads in (truth, found.quads)]
     far = readable & (apart > SETTINGS.clear * torch.maximum(*sizes))
-    panels = found._replace(truth=truth).rows(near)
-    return panels, found.rows(far | pool.empty[found.frame])
+    panels = replace(found, truth=truth)[near]
+    return panels, found[far | pool.empty[found.frame]]
 
 
 def cells_at(points: Tensor, quads: Tensor, shape: PanelShape) -> Tensor:
@@ -256,8 +234,7 @@ def cells_at(points: Tensor, quads: Tensor, shape: PanelShape) -> Tensor:
 
 def ordered(quads: Tensor) -> Tensor:
     """Begin corners (n,4,2) at the top left, clockwise."""
-    (x, y), (right, below) = quads.unbind(2), quads.roll(-1, 1).unbind(2)
-    back = (x * below - y * right).sum(1)[:, None, None] < 0
-    quads = torch.where(back, quads.flip(1), quads)
+    area = torch.stack([quads, quads.roll(-1, 1)], 2).det().sum(1)
+    quads = torch.where(area[:, None, None] < 0, quads.flip(1), quads)
     first = quads.sum(2).argmin(1)[:, None] + torch.arange(4, device=quads.device)
     return quads.gather(1, (first % 4)[..., None].expand(-1, -1, 2))

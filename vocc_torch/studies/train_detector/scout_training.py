@@ -33,8 +33,7 @@ from vocc_torch.types import PanelShape
 class ScoutTraining(NetworkTraining):
     """Settings of the training."""
 
-    shapes: tuple[tuple[int, int], ...] = ((1, 1),)  # whatever they are
-    shape_shares: tuple[float, ...] = (1.0,)
+    shapes: tuple[tuple[int, int, float], ...] = ((1, 1, 1.0),)  # whatever they are
     rendered: int = 38
     near: int = 0
     clutter: int = 34
@@ -121,9 +120,44 @@ class ScoutSampler(Sampler):
         self.clutter = [proposals(networks.scout, self.pool, empty)]
 
     def loss(self, net: scout.Scout) -> Tensor:
-        """Give the loss of a batch."""
+        """Give the focal loss of scores and the distance of corners where a panel is, of a batch."""
         _, batch = self.batch()
-        return scout_loss(net(batch.grey[:, None]), batch)
+        outputs = net(batch.grey[:, None])
+        options, stride = SETTINGS, scout.SETTINGS.stride_px
+        high, wide = outputs.shape[2:]
+        quads = ordered(batch.corners) * options.crop_px
+        places = torch.cartesian_prod(torch.arange(high), torch.arange(wide))
+        places = ((places.view(high, wide, 2).flip(2) + 0.5) * stride).to(outputs)
+        centre = quads.mean(1)[:, None, None]
+        apart = (places - centre).norm(dim=3)
+        size = (quads[:, 0] - quads[:, 2]).norm(dim=1)[:, None, None]
+        panel = batch.panel[:, None, None]
+        spare = (apart < options.spare_share * size) & panel
+        nearest = apart <= apart.amin((1, 2), keepdim=True)
+        inside = ((centre > 0) & (centre < high * stride)).all(3)
+        near = (apart < options.near_px) | (nearest & (apart < stride))
+        there = panel & inside & near
+        own, others = sizes_of(batch.shapes)
+        logit = outputs[:, : scout.SCORES]
+        right = (there[:, None] & own).float()
+        cost = binary_focal_loss_with_logits(logit, right, alpha=None)
+        rare = torch.where((spare | there)[:, None], options.other_weight * others, 1.0)
+        cost = cost * torch.maximum(right, rare)
+        picture, row, column = there.nonzero().unbind(1)
+        found = scout.quads_of(
+            outputs[picture, :, row, column], torch.stack([column, row], 1)
+        )
+        # Of small panels a pixel is more of a cell.
+        unit = (size / options.small_px).clamp(min=0.1)[
+            picture
+        ] * scout.SETTINGS.unit_px
+        off = (found - quads[picture]) / unit
+        corners = functional.smooth_l1_loss(
+            off, torch.zeros_like(off), beta=options.corner_beta, reduction="sum"
+        )
+        loss = options.corner_weight * corners / 8 + cost.sum()
+        mean: Tensor = loss / there.sum().clamp(min=1)
+        return mean
 
 
 def sizes_of(shapes: Tensor) -> tuple[Tensor, Tensor]:
@@ -137,40 +171,3 @@ def sizes_of(shapes: Tensor) -> tuple[Tensor, Tensor]:
     number = torch.arange(scout.SCORES, device=side.device)
     others = (number < least) | (number > most)
     return (number == own)[..., None, None], others[..., None, None]
-
-
-def scout_loss(outputs: Tensor, batch: Pictures) -> Tensor:
-    """Give the focal loss of scores and the distance of corners where a panel is."""
-    options, stride = SETTINGS, scout.SETTINGS.stride_px
-    high, wide = outputs.shape[2:]
-    quads = ordered(batch.corners) * options.crop_px
-    y, x = torch.meshgrid(*(torch.arange(side) for side in (high, wide)), indexing="ij")
-    places = ((torch.stack([x, y], 2) + 0.5) * stride).to(outputs)
-    centre = quads.mean(1)[:, None, None]
-    apart = (places - centre).norm(dim=3)
-    size = (quads[:, 0] - quads[:, 2]).norm(dim=1)[:, None, None]
-    panel = batch.panel[:, None, None]
-    spare = (apart < options.spare_share * size) & panel
-    nearest = apart <= apart.amin((1, 2), keepdim=True)
-    inside = ((centre > 0) & (centre < high * stride)).all(3)
-    near = (apart < options.near_px) | (nearest & (apart < stride))
-    there = panel & inside & near
-    own, others = sizes_of(batch.shapes)
-    logit = outputs[:, : scout.SCORES]
-    right = (there[:, None] & own).float()
-    cost = binary_focal_loss_with_logits(logit, right, alpha=None)
-    rare = torch.where((spare | there)[:, None], options.other_weight * others, 1.0)
-    cost = cost * torch.maximum(right, rare)
-    picture, row, column = there.nonzero().unbind(1)
-    found = scout.quads_of(
-        outputs[picture, :, row, column], torch.stack([column, row], 1)
-    )
-    # Of small panels a pixel is more of a cell.
-    unit = (size / options.small_px).clamp(min=0.1)[picture] * scout.SETTINGS.unit_px
-    off = (found - quads[picture]) / unit
-    corners = functional.smooth_l1_loss(
-        off, torch.zeros_like(off), beta=options.corner_beta, reduction="sum"
-    )
-    loss = options.corner_weight * corners / 8 + cost.sum()
-    mean: Tensor = loss / there.sum().clamp(min=1)
-    return mean
