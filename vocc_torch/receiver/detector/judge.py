@@ -160,7 +160,7 @@ def pitch_of(quads: Tensor, shape: PanelShape) -> Tensor:
 
 
 def judged(
-    net: Judge, pyramid: Pyramid, quads: Tensor, shape: PanelShape
+    net: nn.Module, pyramid: Pyramid, quads: Tensor, shape: PanelShape
 ) -> tuple[Tensor, Tensor]:
     """Judge candidates (n,4,2) float64 px: logits (n,), and the corners (n,4,2) that the judge sees.
 

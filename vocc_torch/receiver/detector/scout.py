@@ -171,7 +171,7 @@ def same_place(quads: Tensor) -> Tensor:
 
 
 def propose(
-    net: Scout, pyramid: Pyramid, shape: PanelShape
+    net: nn.Module, pyramid: Pyramid, shape: PanelShape
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Find the best candidates of a frame.
 
@@ -194,7 +194,7 @@ def propose(
 
 
 def _in_canvas(
-    net: Scout, levels: Sequence[Tensor], large: int, size: int
+    net: nn.Module, levels: Sequence[Tensor], large: int, size: int
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Look at all of the smaller levels (H,W) in one picture, with margins of a mean grey value around."""
     small = levels[large:]
@@ -275,7 +275,7 @@ def canvas_of(
 
 
 def _in_tiles(
-    net: Scout, levels: Sequence[Tensor], large: int, size: int
+    net: nn.Module, levels: Sequence[Tensor], large: int, size: int
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Look at the tiles of the larger levels (H,W) that the gate chooses."""
     if not large:

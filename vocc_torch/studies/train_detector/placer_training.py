@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from vocc_torch.receiver.detector import placer as placing
-from vocc_torch.receiver.detector.placer import SLIPS, Placer
+from vocc_torch.receiver.detector.placer import SLIPS, Placer, corner_moves
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.resample import corner_cells
 from vocc_torch.studies.train_detector.candidate_training import (
@@ -79,7 +79,8 @@ class PlacerSampler(CandidateSampler):
         self, networks: Networks, form: Form, grey: Tensor, shapes: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Give logits (B,) and corners (B,4,2), cells."""
-        logit, moves = networks.placer(grey, form.shape)
+        logit, cells = networks.placer(grey)
+        moves = corner_moves(cells, form.shape)
         return logit, corner_cells(form.shape).to(moves) + moves
 
     def off(self, count: int, form: Form) -> Tensor:
@@ -93,8 +94,8 @@ class PlacerSampler(CandidateSampler):
     def loss(self, net: Placer) -> Tensor:
         """Give the loss of a batch."""
         form, batch = self.batch()
-        logit, moves = net(batch.grey, form.shape)
-        return placer_loss(logit, moves, form.shape, batch)
+        logit, cells = net(batch.grey)
+        return placer_loss(logit, corner_moves(cells, form.shape), form.shape, batch)
 
 
 def placer_loss(
