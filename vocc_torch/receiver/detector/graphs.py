@@ -18,9 +18,6 @@ from vocc_torch.files import atomic_file, file_digest
 ROUNDED = ("Conv", "Add", "Relu", "Resize")
 """Operations in 8 bits. The others take as long in float32."""
 
-SIDES = {"scout": 16, "judge": 8, "placer": 4}
-"""Heights and widths that a network takes are multiples of these, px."""
-
 WEIGHTS = "weights"
 """The entry of a graph's metadata that holds the digest of its file of weights."""
 
@@ -98,7 +95,7 @@ def write_graphs(
     """Write networks as graphs of 8 bits, beside their file of weights.
 
     Args:
-        nets: by the names of ``SIDES``, on the CPU.
+        nets: by their names, on the CPU.
         looks: what each network is given; the values set the ranges of the 8 bits.
         weights: the file of the networks' weights.
 
@@ -109,10 +106,10 @@ def write_graphs(
     import onnx
     from onnxruntime.quantization import QuantType, quantize_static
 
-    for part, side in SIDES.items():
+    for part, net in nets.items():
         with TemporaryDirectory() as folder, _quiet():
             plain, rounded = (Path(folder) / name for name in ("plain", "rounded"))
-            names = _write_plain(nets[part], looks[part][0], side, plain)
+            names = _write_plain(net, looks[part][0], plain)
             quantize_static(
                 plain,
                 rounded,
@@ -163,11 +160,10 @@ class _Looks:
         return next(self.fed, None)
 
 
-def _write_plain(
-    net: nn.Module, look: tuple[Tensor, ...], side: int, path: Path
-) -> list[str]:
+def _write_plain(net: nn.Module, look: tuple[Tensor, ...], path: Path) -> list[str]:
     """Write a network as a graph of float32, and give its inputs' names."""
     count = torch.export.Dim("count", min=1)
+    side: Any = net.sides_px
     high, wide = (side * torch.export.Dim(name, min=1) for name in ("high", "wide"))
     sizes = [
         {given.dim() - 2: high, given.dim() - 1: wide}

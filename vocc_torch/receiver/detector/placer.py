@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -55,6 +56,9 @@ class Placer(nn.Module):
         >>> logit.shape, cells.shape, corner_moves(cells, PanelShape(8, 4)).shape
         (torch.Size([5]), torch.Size([5, 3, 10, 6]), torch.Size([5, 4, 2]))
     """
+
+    sides_px: ClassVar[int] = SETTINGS.samples
+    """Its pictures' sides are multiples of this."""
 
     def __init__(self) -> None:
         super().__init__()

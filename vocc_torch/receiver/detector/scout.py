@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -51,6 +51,9 @@ class Scout(nn.Module):
         >>> Scout()(torch.zeros(1, 1, 64, 96)).shape
         torch.Size([1, 11, 8, 12])
     """
+
+    sides_px: ClassVar[int] = 16
+    """Its pictures' sides are multiples of this."""
 
     def __init__(self) -> None:
         super().__init__()
