@@ -1,6 +1,6 @@
 """Time the detector beside ArUco and AprilTag on the same full-HD streets, one thread, frame by frame in turns.
 
-    pip install opencv-contrib-python pupil-apriltags
+    pip install 'vocc-torch[onnx]' opencv-contrib-python pupil-apriltags
     python benchmarks/detector_time.py --frames 24
 
 It prints the median and the 5th and 95th percentile in ms, with a panel of 8 x 8 LEDs and without one.
@@ -8,6 +8,7 @@ It prints the median and the 5th and 95th percentile in ms, with a panel of 8 x 
 
 import argparse
 import time
+from functools import partial
 
 import cv2
 import numpy as np
@@ -16,8 +17,8 @@ from pupil_apriltags import Detector
 
 import vocc_torch as vt
 from vocc_torch import PanelShape
+from vocc_torch.receiver.detector.weights import ARITHMETICS
 from vocc_torch.receiver.locators import DetectorLocator
-from vocc_torch.types import Frames
 
 SCENES = ("street_held_out", "street_held_out_night")
 ABSENT = "+scene.effects.panel_absent={}"
@@ -31,10 +32,14 @@ def main() -> None:
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_250)
-    aruco, locate = cv2.aruco.ArucoDetector(words), DetectorLocator()
+    aruco = cv2.aruco.ArucoDetector(words)
     april = Detector(families="tag36h11", nthreads=1, quad_decimate=2.0)
+    shape = PanelShape(8, 8)
     programs = {
-        "detector": lambda grey: locate(Frames.whole(grey), PanelShape(8, 8)),
+        f"detector, {kind}": partial(DetectorLocator(arithmetic=kind), shape=shape)
+        for kind in ARITHMETICS
+    }
+    programs |= {
         "ArUco": lambda grey: aruco.detectMarkers(grey[0, 0].numpy()),
         "AprilTag": lambda grey: april.detect(grey[0, 0].numpy()),
     }

@@ -13,8 +13,6 @@ alarm in 1000 frames, by counting, and the shape of a generalized Pareto tail (0
 says too many).
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import math

@@ -4,8 +4,6 @@ A law is a table: what can happen in a frame, and with which probability. How of
 in N frames is multinomial, so thousands of studies are drawn at once.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

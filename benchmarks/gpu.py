@@ -7,8 +7,6 @@ that a run that is cut off keeps what it had. A section that fails leaves a row 
     python benchmarks/gpu.py --dry --csv dry.csv    # a batch of 8 on the CPU: does every section run?
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import os

@@ -5,8 +5,6 @@ Writes a CSV file for each table of ``docs/results/coverage``:
     python benchmarks/interval_coverage.py
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import itertools

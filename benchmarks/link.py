@@ -7,8 +7,6 @@ one thread each, with the drawing of scenes included.
     python benchmarks/link.py --frames 256 --rounds 7 --threads 1
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import time

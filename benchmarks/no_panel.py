@@ -6,8 +6,6 @@ The pictures are drawn ones and noise, photographs, black and white ones, and he
 of them by night.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 

@@ -4,8 +4,6 @@ It finds the panel as in section IV-B-2 (Otsu, closing, blob analysis, rectangle
 in 8 bits only; from the closing on, it sees no more than the region that holds the foreground.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import cv2

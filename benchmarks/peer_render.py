@@ -4,8 +4,6 @@ Image coordinates are continuous ``(x, y)``: pixel (row i, column j) covers ``[j
 and tables are those of T.-H. Do and M. Yoo, IEEE Access 7, 2019.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

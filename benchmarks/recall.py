@@ -9,8 +9,6 @@ candidate of the scout covers it: by the gate if it leaves out the tile at the p
 the panel best. It is lost by the fit where no placed candidate lies on it, and else by the score.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections import Counter
@@ -24,8 +22,13 @@ from vocc_torch.receiver.detector import pyramid as pyramids
 from vocc_torch.receiver.detector import scout
 from vocc_torch.receiver.detector.pipeline import candidates
 from vocc_torch.receiver.detector.pyramid import Pyramid
-from vocc_torch.receiver.detector.weights import load_networks
-from vocc_torch.receiver.locators import LOCATORS, PaperLocator, locator_named
+from vocc_torch.receiver.detector.weights import ARITHMETICS, Networks
+from vocc_torch.receiver.locators import (
+    LOCATORS,
+    DetectorLocator,
+    PaperLocator,
+    locator_named,
+)
 from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.types import Frames, Panels, PanelShape
 
@@ -44,10 +47,14 @@ def off_px(quads: torch.Tensor, truth: torch.Tensor) -> float:
 
 
 def lost_by(
-    frame: Frames, truth: torch.Tensor, pitch_px: float, shape: PanelShape
+    networks: Networks,
+    frame: Frames,
+    truth: torch.Tensor,
+    pitch_px: float,
+    shape: PanelShape,
 ) -> str:
     """Name the stage that lost a panel."""
-    networks, pyramid = load_networks(None, torch.device("cpu")), Pyramid.of(frame.grey)
+    pyramid = Pyramid.of(frame.grey)
     quads, _, _ = scout.propose(networks.scout, pyramid, shape)
     side = float((truth[0] - truth[2]).norm())
     near = (quads.mean(1) - truth.mean(0)).norm(dim=1) < PROPOSED_SIDES * side
@@ -82,13 +89,14 @@ def main() -> None:
     parser.add_argument("--shape", default="8x8")
     parser.add_argument("--locator", default="detector", choices=LOCATORS)
     parser.add_argument("--false-alarms", type=float, default=1e-2)
+    parser.add_argument("--arithmetic", default="float32", choices=ARITHMETICS)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     shape = PanelShape(*map(int, arguments.shape.split("x")))
     sides = [f"panel.rows={shape.rows}", f"panel.columns={shape.columns}"]
     locator = locator_named(arguments.locator, PaperLocator())
-    if locator.states_false_alarms:
-        locator = locator.at_rate(arguments.false_alarms)
+    if isinstance(locator, DetectorLocator):
+        locator = DetectorLocator(None, arguments.false_alarms, arguments.arithmetic)
     paper = vt.load_scene("paper", *sides)
     reader = vt.train(paper, classifier="tag_planes", frames=64)
     for scene in arguments.scenes:
@@ -106,8 +114,9 @@ def main() -> None:
                 panels = locator(frame, shape)
                 near = off_px(panels.corners_px, truth[row]) < NEAR_PITCHES * size
                 result = "located" if bool(panels.found[0]) and near else "lost"
-                if result == "lost" and locator.name == "detector":
-                    result = lost_by(frame, truth[row], size, shape)
+                if result == "lost" and isinstance(locator, DetectorLocator):
+                    networks = locator.networks(frame.grey.device)
+                    result = lost_by(networks, frame, truth[row], size, shape)
                 light = float(batch.scene.ambient_lx[row])
                 for group in groups(size, light, bool(readable[row])):
                     counts[group, "frames"] += 1

@@ -6,8 +6,6 @@ OpenCV program (``peer_read.py``) locates with the paper's steps and reads a fra
     python benchmarks/receiver.py --rounds 9 --csv docs/results/receiver.csv
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterator
 from functools import partial

@@ -5,8 +5,6 @@
 A repeated run continues: trained receivers are in ``--models``, finished parts in their table.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import time

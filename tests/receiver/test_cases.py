@@ -56,6 +56,11 @@ class TestDetectorLocator(Panels):
         return DetectorLocator()
 
 
+class TestDetectorInEightBits(Panels):
+    def locator(self):
+        return DetectorLocator(arithmetic="int8")
+
+
 class TestExampleLocator(Panels):
     def locator(self):
         return OutsideLocator(

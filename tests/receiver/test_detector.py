@@ -50,8 +50,9 @@ def test_what_is_found_does_not_depend_on_the_batch(rendered, panels):
     assert torch.equal(alone.score[0], panels.score[1])
 
 
+@pytest.mark.parametrize("arithmetic", ["float32", "int8"])
 @pytest.mark.parametrize("scale", [0.25, 0.7, 1.0, 1.2])
-def test_a_photographed_panel_is_not_placed_a_row_aside(scale):
+def test_a_photographed_panel_is_not_placed_a_row_aside(scale, arithmetic):
     """Its outer rows are hazy and cut by the photograph's edges; corners by OpenCV from the centres of LEDs."""
     data = Path(__file__).parents[1] / "data"
     truth = json.loads((data / "pictures.json").read_text())["led-panel-8x8-photo.png"]
@@ -63,7 +64,8 @@ def test_a_photographed_panel_is_not_placed_a_row_aside(scale):
     matrix = cv2.getPerspectiveTransform(ends, centres)
     cells = np.array([[[0, 0], [8, 0], [8, 8], [0, 8]]], np.float32)
     expected = cv2.perspectiveTransform(cells, matrix)[0]
-    found = DetectorLocator()(torch.from_numpy(grey)[None, None], SHAPE)
+    locator = DetectorLocator(arithmetic=arithmetic)
+    found = locator(torch.from_numpy(grey)[None, None], SHAPE)
     off = np.linalg.norm(found.corners_px[0].numpy() - expected, axis=1).max()
     assert off < 0.25 * 44 * scale
 

@@ -203,20 +203,20 @@ def test_moves_of_cells_are_joined_as_least_squares_join_them():
         (np.arange(10) - 0.5) / 4 - 1, (np.arange(8) - 0.5) / 3 - 1, indexing="ij"
     )
     fields = np.stack([np.ones_like(u), u, v, u * v], -1).reshape(-1, 4)
-    off = torch.randn(1, 80, 2, generator=draw)
-    wanted = np.linalg.lstsq(fields, off[0].numpy())[0]
+    cells = torch.full((1, 3, 10, 8), 6.0)
+    cells[:, :2] = torch.randn(1, 2, 10, 8, generator=draw)
+    wanted = np.linalg.lstsq(fields, cells[0, :2].flatten(1).T.numpy())[0]
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     by_corner = np.stack([np.ones(4), corners[:, 0], corners[:, 1], corners.prod(1)], 1)
-    moves = corner_moves(off, torch.full((1, 80), 6.0), shape)
+    moves = corner_moves(cells, shape)
     assert np.abs(moves[0].numpy() - by_corner @ wanted).max() < 1e-3
 
 
 def test_an_unsure_cell_says_nothing():
-    off = torch.zeros(1, 100, 2)
-    off[0, 5] = 50.0
-    sure = torch.full((1, 100), 3.0)
-    sure[0, 5] = -20.0
-    assert corner_moves(off, sure, PanelShape(8, 8)).abs().max() < 1e-3
+    cells = torch.zeros(1, 3, 10, 10)
+    cells[:, 2] = 3.0
+    cells[0, :, 0, 5] = torch.tensor([50.0, 50.0, -20.0])
+    assert corner_moves(cells, PanelShape(8, 8)).abs().max() < 1e-3
 
 
 def test_slips_are_cells_of_the_homography():
@@ -239,7 +239,8 @@ def test_the_placer_takes_any_shape():
     with torch.inference_mode():
         for shape in (PanelShape(4, 4), PanelShape(16, 5), PanelShape(32, 32)):
             size = (4 * shape.rows + 8, 4 * shape.columns + 8)
-            logit, moves = Placer()(noise(3, *size), shape)
+            logit, cells = Placer()(noise(3, *size))
+            moves = corner_moves(cells, shape)
             assert (logit.shape, moves.shape) == ((3,), (3, 4, 2))
 
 

@@ -120,20 +120,16 @@ def cell_homography(corners_px: Tensor, shape: PanelShape) -> Tensor:
 def _homography(corners: Tensor, shape: PanelShape) -> Tensor:
     """Map cells to pixels as :func:`cell_homography` does, without a look at the corners (B,4,2) float64."""
     side = corners.roll(-1, 1) - corners
-    skew = corners[:, 2:3] - side[:, :1] - corners[:, 3:]
-    # How each side turns to the next; what is askew to the third side; and the second side to what is askew.
-    before = torch.cat([side, skew, -side[:, 1:2]], 1)
-    after = torch.cat([side[:, 1:], side[:, :1], side[:, 2:3], skew], 1)
-    turn = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
-    longest = (side * side).sum(2).amax(1)
+    after = side.roll(-1, 1)
+    turn = side[..., 0] * after[..., 1] - side[..., 1] * after[..., 0]
+    longest = side.square().sum(2).amax(1)
     least = SETTINGS.flat_px2 + SETTINGS.flat_share * longest
-    turns = turn[:, :4]
-    convex = (turns.amin(1) > least) | (turns.amax(1) < -least)
-    gh = turn[:, 4:] / torch.where(convex, -turn[:, 1], 1.0)[:, None]
-    ends = torch.cat([corners, torch.ones_like(corners[..., :1])], 2)
-    first, second, fourth = ends[:, 0], ends[:, 1], ends[:, 3]
-    to_x = (second - first + gh[:, :1] * second) * (1 / shape.columns)
-    to_y = (fourth - first + gh[:, 1:] * fourth) * (1 / shape.rows)
+    convex = (turn.amin(1) > least) | (turn.amax(1) < -least)
+    # A corner's share of the plane at infinity goes with the triangle of the three others.
+    weight = turn / torch.where(convex, turn[:, 1], 1.0)[:, None]
+    first, second, _, fourth = nn.functional.pad(corners, (0, 1), value=1.0).unbind(1)
+    to_x = (weight[:, 2:3] * second - first) * (1 / shape.columns)
+    to_y = (weight[:, :1] * fourth - first) * (1 / shape.rows)
     # With zero added, no zero is negative.
     columns = [to_x * convex[:, None] + 0.0, to_y * convex[:, None] + 0.0, first]
     return torch.stack(columns, 2)

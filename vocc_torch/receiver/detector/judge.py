@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -65,6 +66,9 @@ class Judge(nn.Module):
         >>> logit.shape, maps.shape
         (torch.Size([5]), torch.Size([5, 4, 24, 24]))
     """
+
+    sides_px: ClassVar[int] = 8
+    """Its pictures' sides are multiples of this."""
 
     def __init__(self, fine: int = 24, coarse: int = 32) -> None:
         super().__init__()
@@ -160,7 +164,7 @@ def pitch_of(quads: Tensor, shape: PanelShape) -> Tensor:
 
 
 def judged(
-    net: Judge, pyramid: Pyramid, quads: Tensor, shape: PanelShape
+    net: nn.Module, pyramid: Pyramid, quads: Tensor, shape: PanelShape
 ) -> tuple[Tensor, Tensor]:
     """Judge candidates (n,4,2) float64 px: logits (n,), and the corners (n,4,2) that the judge sees.
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -48,14 +49,16 @@ SLIPS = (_ENDS[:, None, :, None] * AXES[:, None]).flatten(0, 1)
 class Placer(nn.Module):
     """Convolutions over cells: each says how far the lattice is off, and how sure it is.
 
-    The moves of all cells are joined by least squares to moves of the four corners: a shift, stretches and a
-    shear along the panel's axes.
+    :func:`corner_moves` joins the moves of all cells.
 
     Example:
-        >>> logit, moves = Placer()(torch.rand(5, 40, 24), PanelShape(8, 4))
-        >>> logit.shape, moves.shape
-        (torch.Size([5]), torch.Size([5, 4, 2]))
+        >>> logit, cells = Placer()(torch.rand(5, 40, 24))
+        >>> logit.shape, cells.shape, corner_moves(cells, PanelShape(8, 4)).shape
+        (torch.Size([5]), torch.Size([5, 3, 10, 6]), torch.Size([5, 4, 2]))
     """
+
+    sides_px: ClassVar[int] = SETTINGS.samples
+    """Its pictures' sides are multiples of this."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -70,8 +73,11 @@ class Placer(nn.Module):
             nn.Linear(2 * wide, wide), nn.ReLU(), nn.Linear(wide, 1)
         )
 
-    def forward(self, patches: Tensor, shape: PanelShape) -> tuple[Tensor, Tensor]:
-        """Score patches (n,(R+2M)K,(C+2M)K) of candidates, (n,) logits, and move corners (n,4,2), cells."""
+    def forward(self, patches: Tensor) -> tuple[Tensor, Tensor]:
+        """Score patches (n,(R+2M)K,(C+2M)K) of candidates, (n,) logits, and say of each cell (n,3,R+2M,C+2M).
+
+        A cell has its move across and down, cells, and the logarithm of how sure it is.
+        """
         light = standardised(patches, SETTINGS.grain, SETTINGS.most)
         cells = functional.pixel_unshuffle(light[:, None], SETTINGS.samples)
         state = self.first(cells).relu_()
@@ -79,24 +85,26 @@ class Placer(nn.Module):
             if number == len(self.layers) // 2:
                 state = state + self.around(_pooled(state))[..., None, None]
             state = state + layer(state).relu_()
-        logit = self.score(_pooled(state))[:, 0]
-        off = self.off(state).flatten(2)
-        return logit, corner_moves(off[:, :2].mT, off[:, 2], shape)
+        return self.score(_pooled(state))[:, 0], self.off(state)
 
 
 def _pooled(state: Tensor) -> Tensor:
     return torch.cat([state.mean((2, 3)), state.amax((2, 3))], 1)
 
 
-def corner_moves(off: Tensor, sure: Tensor, shape: PanelShape) -> Tensor:
-    """Join moves of cells (n,N,2), with logarithms of weights (n,N), to moves of corners (n,4,2).
+def corner_moves(cells: Tensor, shape: PanelShape) -> Tensor:
+    """Join what cells (n,3,R+2M,C+2M) say by least squares to moves of the four corners (n,4,2), cells.
+
+    They are a shift, stretches and a shear along the panel's axes.
 
     Example:
-        >>> moves = corner_moves(torch.ones(1, 24, 2), torch.full((1, 24), 5.0), PanelShape(4, 2))
-        >>> bool((moves - 1).abs().max() < 1e-3)
+        >>> cells = torch.tensor([1.0, 1.0, 5.0])[None, :, None, None].expand(1, 3, 6, 4)
+        >>> bool((corner_moves(cells, PanelShape(4, 2)) - 1).abs().max() < 1e-3)
         True
     """
-    fields, corners, ridge = _fields(shape, off.device)
+    fields, corners, ridge = _fields(shape, cells.device)
+    said = cells.flatten(2)
+    off, sure = said[:, :2].mT, said[:, 2]
     weight = sure.clamp(max=SETTINGS.most_weight).exp()[..., None] * fields
     gram = weight.mT @ fields + ridge
     moves: Tensor = corners @ torch.linalg.solve(gram, weight.mT @ off)
@@ -122,18 +130,19 @@ def _fields(shape: PanelShape, device: torch.device) -> list[Tensor]:
 
 
 def placed(
-    net: Placer, pyramid: Pyramid, quads: Tensor, shape: PanelShape
+    net: nn.Module, pyramid: Pyramid, quads: Tensor, shape: PanelShape
 ) -> tuple[Tensor, Tensor]:
     """Score candidates (n,4,2) float64 px, (n,), and move their corners, (n,4,2)."""
     homography = cell_homography(quads, shape)
     samples, margin = (SETTINGS.samples,) * 2, SETTINGS.margin
     patches = pyramid.read_cells(quads, homography, shape, samples, margin)
-    logit, moves = net(patches, shape)
-    return logit, map_cells(homography, corner_cells(shape).to(quads) + moves.double())
+    logit, cells = net(patches)
+    moves = corner_moves(cells, shape).double()
+    return logit, map_cells(homography, corner_cells(shape).to(moves) + moves)
 
 
 def placed_in_views(
-    net: Placer, pyramid: Pyramid, quads: Tensor, shape: PanelShape
+    net: nn.Module, pyramid: Pyramid, quads: Tensor, shape: PanelShape
 ) -> tuple[Tensor, Tensor]:
     """Do what :func:`placed` does, in the mean of all turned and mirrored views of each candidate."""
     order = corner_orders(shape.rows == shape.columns).to(quads.device)

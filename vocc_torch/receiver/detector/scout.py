@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -51,6 +51,9 @@ class Scout(nn.Module):
         >>> Scout()(torch.zeros(1, 1, 64, 96)).shape
         torch.Size([1, 11, 8, 12])
     """
+
+    sides_px: ClassVar[int] = 16
+    """Its pictures' sides are multiples of this."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -171,7 +174,7 @@ def same_place(quads: Tensor) -> Tensor:
 
 
 def propose(
-    net: Scout, pyramid: Pyramid, shape: PanelShape
+    net: nn.Module, pyramid: Pyramid, shape: PanelShape
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Find the best candidates of a frame.
 
@@ -194,7 +197,7 @@ def propose(
 
 
 def _in_canvas(
-    net: Scout, levels: Sequence[Tensor], large: int, size: int
+    net: nn.Module, levels: Sequence[Tensor], large: int, size: int
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Look at all of the smaller levels (H,W) in one picture, with margins of a mean grey value around."""
     small = levels[large:]
@@ -275,7 +278,7 @@ def canvas_of(
 
 
 def _in_tiles(
-    net: Scout, levels: Sequence[Tensor], large: int, size: int
+    net: nn.Module, levels: Sequence[Tensor], large: int, size: int
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Look at the tiles of the larger levels (H,W) that the gate chooses."""
     if not large:

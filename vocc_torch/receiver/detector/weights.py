@@ -10,6 +10,7 @@ from torch import nn
 from torch.nn.utils import convert_conv2d_weight_memory_format
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.detector.graphs import Graph
 from vocc_torch.receiver.detector.judge import Judge
 from vocc_torch.receiver.detector.placer import Placer
 from vocc_torch.receiver.detector.scout import Scout
@@ -21,6 +22,9 @@ SHIPPED = "detector.json"
 PARTS = ("scout", "judge", "placer")
 """The networks, in the order in which they see a frame; each is trained on what those before it find."""
 
+ARITHMETICS = FLOAT32, INT8 = "float32", "int8"
+"""How the networks compute: torch, the reference, or onnxruntime with numbers of 8 bits."""
+
 _KIND = "detector"
 
 
@@ -28,9 +32,9 @@ _KIND = "detector"
 class Networks:
     """What was trained."""
 
-    scout: Scout
-    judge: Judge
-    placer: Placer
+    scout: nn.Module
+    judge: nn.Module
+    placer: nn.Module
 
     @classmethod
     def fresh(cls) -> "Networks":
@@ -53,17 +57,28 @@ class Networks:
 
 
 @lru_cache(maxsize=8)
-def load_networks(path: Path | None, device: torch.device) -> Networks:
+def load_networks(
+    path: Path | None, device: torch.device, arithmetic: str = FLOAT32
+) -> Networks:
     """Read the weights of a file, or the weights that ship; nothing in the file is executed.
 
+    Args:
+        path: the file; None takes the weights that ship.
+        device: where the networks run.
+        arithmetic: one of ``ARITHMETICS``.
+
     Raises:
-        VoccError: a file that is missing, damaged or of another kind.
+        VoccError: a file that is missing, damaged or of another kind; int8 elsewhere than on a CPU.
     """
     if path is None:
         with resources.as_file(
             resources.files("vocc_torch.receiver.detector") / SHIPPED
         ) as shipped:
-            return load_networks(shipped, device)
+            return load_networks(shipped, device, arithmetic)
+    if arithmetic == INT8:
+        if device.type != "cpu":
+            raise VoccError.of("device", device, "cpu with arithmetic int8")
+        return Networks(**{part: Graph(path, part) for part in PARTS})
     settings, state = read_model(
         path, "weights", "a file that task=train_detector wrote"
     )

@@ -6,6 +6,7 @@ from vocc_torch.errors import VoccError, demand_word, whole_number
 from vocc_torch.recordings import CHANNELS as GREY_CHANNELS
 
 CHANNELS = (*GREY_CHANNELS, "auto", "unmix")
+ARITHMETICS = ("float32", "int8")
 FOLLOWS = ("true", "false", "auto")
 TURNS = (0, 90, 180, 270)
 MOST_SCALE = 16
@@ -32,6 +33,8 @@ class DecodeConfig:
         newest: read the newest frame of a live source and drop those that wait for the receiver. Null does
             so for cameras and addresses; standard input waits.
         show: show each frame with corners and bits while it is read (extra ``viewer``).
+        arithmetic: of the detector's networks: ``float32``, or ``int8``, which takes less time on a CPU
+            (extra ``onnx``).
 
     Raises:
         VoccError: an unknown channel, a number out of its range, or another word for ``follow``.
@@ -46,10 +49,12 @@ class DecodeConfig:
     mirror: bool = False
     newest: bool | None = None
     show: bool = False
+    arithmetic: str = "float32"
 
     def __post_init__(self) -> None:
         """Check the channel, the numbers and the word."""
         demand_word("decode.channel", self.channel, CHANNELS)
+        demand_word("decode.arithmetic", self.arithmetic, ARITHMETICS)
         whole_number("decode.scale", self.scale, 1, MOST_SCALE)
         whole_number("decode.most", self.most, 1, MOST_PANELS)
         if self.follow is not None:

@@ -2,13 +2,15 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
 
 from vocc_torch.boundary import checked
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.locators import locator_words
+from vocc_torch.receiver.detector.weights import FLOAT32
+from vocc_torch.receiver.locators import DetectorLocator, locator_words
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import SHIPPED, shipped_receiver
 from vocc_torch.recordings.frames import RecordedFrame, turned
@@ -34,6 +36,7 @@ def decode(
     turn: int = 0,
     mirror: bool = False,
     false_alarms: float | None = None,
+    arithmetic: str = "float32",
     plug_ins: Sequence[str] = (),
     device: str = "auto",
 ) -> Iterator[Reading]:
@@ -57,6 +60,7 @@ def decode(
         mirror: exchange left and right after turning.
         false_alarms: accept a panel if at most this many false alarms are expected in a frame without one;
             None takes the receiver's.
+        arithmetic: of the detector's networks, as ``decode.arithmetic``.
         plug_ins: Python files and packages whose code the model may run.
         device: ``auto``, ``cpu`` or ``cuda``.
 
@@ -75,7 +79,12 @@ def decode(
     try:
         words = None if follow is None else str(follow)
         config = DecodeConfig(
-            channel, most=most, follow=words, turn=turn, mirror=mirror
+            channel,
+            most=most,
+            follow=words,
+            turn=turn,
+            mirror=mirror,
+            arithmetic=arithmetic,
         )
     except VoccError as error:
         raise VoccError(str(error).removeprefix("decode.")) from None
@@ -186,13 +195,34 @@ def readings_of(
         is_live: whether each frame is read as it arrives, and the panel followed.
 
     Raises:
-        VoccError: colours that cannot be separated, or several panels of a locator that sees one.
+        VoccError: colours that cannot be separated, several panels of a locator that sees one, or int8 for a
+            locator without networks.
     """
+    receiver = in_arithmetic(receiver, config.arithmetic)
     recording, text, lights = in_channel(receiver, recording, config.channel)
     follow = config.follow or str(is_live).lower()
     at_once = 1 if is_live else 64
     found = read_panels(receiver, recording, config.most, follow, lights, at_once)
     return found, text
+
+
+def in_arithmetic(receiver: Receiver, arithmetic: str) -> Receiver:
+    """Give a receiver whose detector computes so; the given one stays as it is.
+
+    Raises:
+        VoccError: another locator, and another arithmetic than float32.
+    """
+    locator = receiver.locator
+    if not isinstance(locator, DetectorLocator):
+        if arithmetic != FLOAT32:
+            name, _ = locator_words(locator)
+            rule = f"float32 for a receiver whose locator is {name}"
+            raise VoccError.of("decode.arithmetic", arithmetic, rule)
+        return receiver
+    changed = copy(receiver)
+    changed.locator = replace(locator, arithmetic=arithmetic)
+    changed.locator.check()
+    return changed
 
 
 def in_channel(

@@ -12,7 +12,7 @@ from torch.nn import functional
 from vocc_torch.receiver.detector import judge as judging
 from vocc_torch.receiver.detector import placer as placing
 from vocc_torch.receiver.detector.judge import SQUARE, Judge, judged
-from vocc_torch.receiver.detector.placer import SLIPS, Placer, placed
+from vocc_torch.receiver.detector.placer import SLIPS, Placer, corner_moves, placed
 from vocc_torch.receiver.detector.pyramid import Pyramid
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.resample import corner_cells, map_points
@@ -281,7 +281,8 @@ class PlacerSampler(CandidateSampler):
     def loss(self, net: Placer) -> Tensor:
         """Give the losses of scores and of moves, of a batch."""
         form, batch = self.batch()
-        logit, moves = net(batch.grey, form.shape)
+        logit, cells = net(batch.grey)
+        moves = corner_moves(cells, form.shape)
         options, panel = self.settings, batch.panel
         truth = batch.corners - corner_cells(form.shape).to(batch.corners)
         off = truth.norm(dim=2).amax(1)

@@ -1,7 +1,7 @@
 """``task=train_detector``: render a pool of frames, train the detector's networks, write their weights."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
@@ -15,7 +15,15 @@ from torch import Tensor, nn
 from vocc_torch.errors import VoccError, whole_number
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.config import Settings
-from vocc_torch.receiver.detector.weights import PARTS, SHIPPED, Networks
+from vocc_torch.receiver.detector.graphs import write_graphs
+from vocc_torch.receiver.detector.pipeline import candidates
+from vocc_torch.receiver.detector.pyramid import Pyramid
+from vocc_torch.receiver.detector.weights import (
+    PARTS,
+    SHIPPED,
+    Networks,
+    load_networks,
+)
 from vocc_torch.receiver.model_file import UNFIT
 from vocc_torch.report import folder as run_folder
 from vocc_torch.report import terminal
@@ -27,7 +35,7 @@ from vocc_torch.studies.train_detector.candidate_training import (
 from vocc_torch.studies.train_detector.pool import Pool, blocks_of, render
 from vocc_torch.studies.train_detector.sampling import Sampler
 from vocc_torch.studies.train_detector.scout_training import ScoutSampler
-from vocc_torch.types import resolve_device
+from vocc_torch.types import PanelShape, resolve_device
 
 POOL, CHECKPOINTS = "frames", "checkpoints"
 """Folders of a run: rendered frames, and trainings that were interrupted."""
@@ -49,6 +57,7 @@ class LearningSettings:
     decay: float = 1e-3  # of weights
     most_gradient: float = 5.0
     newest: float = 2e-3  # share of the newest weights in their moving mean
+    int8_frames: int = 64  # that set the ranges of the graphs of 8 bits
 
 
 SETTINGS = LearningSettings()
@@ -57,7 +66,7 @@ SETTINGS = LearningSettings()
 def run_train_detector(
     settings: Settings, own: TrainDetectorConfig, folder: Path
 ) -> None:
-    """Train the detector, and write ``detector.json``. A run that was interrupted goes on.
+    """Train the detector, and write ``detector.json`` and its graphs. A run that was interrupted goes on.
 
     Raises:
         VoccError: a folder that holds something else, or a seed out of range.
@@ -78,6 +87,36 @@ def run_train_detector(
     networks = current(place, torch.device("cpu"))
     networks.save(folder / SHIPPED)
     run_folder.print_places(console, folder, [("weights", SHIPPED)])
+    try:
+        write_int8(folder / SHIPPED, pool)
+    except VoccError as error:
+        console.print(f"no graphs: {error}", highlight=False)
+
+
+def write_int8(weights: Path, pool: Pool) -> None:
+    """Write the networks of a file of weights as graphs of 8 bits, with the ranges of their values in a pool.
+
+    Raises:
+        VoccError: a package of the extra ``onnx`` is missing.
+    """
+    nets = load_networks(weights, torch.device("cpu"))
+    looks: dict[str, list[tuple[Tensor, ...]]] = {part: [] for part in PARTS}
+
+    def keep(part: str) -> Callable[[nn.Module, tuple[Tensor, ...]], None]:
+        return lambda _, given: looks[part].append(given)
+
+    hooks = [
+        getattr(nets, part).register_forward_pre_hook(keep(part)) for part in PARTS
+    ]
+    chosen = torch.linspace(0, len(pool.shapes) - 1, SETTINGS.int8_frames).long()
+    high, wide = pool.sizes[0]
+    with torch.no_grad():
+        for row, sides in zip(chosen, pool.sought[chosen].tolist(), strict=True):
+            grey = pool.atlases[row : row + 1, None, :high, :wide].cpu()
+            candidates(nets, Pyramid.of(grey), PanelShape(*sides))
+    for hook in hooks:
+        hook.remove()
+    write_graphs(nets.parts(), looks, weights)
 
 
 def current(folder: Path, device: torch.device) -> Networks:

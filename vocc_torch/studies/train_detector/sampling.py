@@ -9,7 +9,7 @@ from kornia import augmentation
 from torch import Tensor, nn
 
 from vocc_torch.receiver.detector.placer import corner_orders
-from vocc_torch.receiver.detector.scout import Scout, propose
+from vocc_torch.receiver.detector.scout import propose
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.resample import cell_homography, corner_cells, map_cells
 from vocc_torch.studies.train_detector.pool import Form, Pool
@@ -193,7 +193,7 @@ def panels_of(pool: Pool, frame: Tensor, level: Tensor) -> Found:
     return Found(frame, level, corners, score, corners)
 
 
-def proposals(net: Scout, pool: Pool, frames: Tensor) -> Found:
+def proposals(net: nn.Module, pool: Pool, frames: Tensor) -> Found:
     """Take the scout's candidates of frames."""
     parts = [panels_of(pool, frames[:0], frames[:0])]
     shapes = pool.sought[frames].tolist()
