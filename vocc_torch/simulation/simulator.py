@@ -141,7 +141,7 @@ class Simulator:
 
         Args:
             scene: B scenes, at least 1.
-            bits: (B,R,C) bool, True = On.
+            bits: (B,R,C) bool, True = On; or the light of each LED over that of an On LED.
             origin_px: (B,2) int64, the sensor coordinates ``(x, y)`` of each window's top left pixel.
             size_px: height and width of the windows; they lie on the sensor.
             keys: as for :meth:`render`.

@@ -5,10 +5,9 @@ import pytest
 from channels import parts, seen
 
 from vocc_torch.extras.messages.clock import SymbolClock
-from vocc_torch.extras.messages.combine import judged
 from vocc_torch.extras.messages.layout import Layout
-from vocc_torch.extras.messages.packets import Assembly
-from vocc_torch.extras.messages.reception import film_of
+from vocc_torch.extras.messages.packets import messages_of
+from vocc_torch.extras.messages.reception import film_of, judged
 from vocc_torch.extras.messages.reception import received as receive
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.hardware import PanelShape
@@ -97,24 +96,17 @@ def repeated(times, draws):
 
 def received(llr, stamps, plan=PLAN):
     layout = Layout(plan)
-    assembly = Assembly(layout.code.info_bytes - 16)
     got = [*receive(layout, parts(llr, stamps / 100))]
-    for received_packet in got:
-        if received_packet.packet:
-            assembly.add(received_packet.packet)
-    return assembly, got, layout
+    arrived = [each.packet for each in got if each.packet]
+    return messages_of(arrived, layout.code.info_bytes - 16), got, layout
 
 
 @pytest.mark.parametrize("faults", [dropped, slowly(repeated), slowly(None)])
 def test_the_message_arrives_through_faulty_recordings(faults):
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(4), faults=faults, begin=0.0)
     # The camera's own stamps know nothing of what was lost or repeated.
-    assembly, _, _ = received(llr, stamps)
-    assert [
-        received_packet.content
-        for received_packet in assembly.messages
-        if received_packet.complete
-    ] == [MESSAGE]
+    messages, _, _ = received(llr, stamps)
+    assert [message.content for message in messages if message.complete] == [MESSAGE]
     ticks = SymbolClock(Layout(PLAN)).ticks([(llr, list(stamps / 100))])
     weights = np.concatenate([judged(one.agreement) for one in ticks])
     assert 0.02 < (weights < 1).mean() < 0.3
@@ -127,8 +119,8 @@ def test_known_cells_that_are_hidden_do_not_mislead_the_clock():
     hidden = np.isin(Layout(plan).kind, ["clock", "sync"])
     hidden[4:] = False
     llr[:, hidden] = -np.abs(llr[:, hidden])
-    assembly, _, _ = received(llr, stamps, plan)
-    assert assembly.messages[0].content == MESSAGE[:300]
+    messages, _, _ = received(llr, stamps, plan)
+    assert messages[0].content == MESSAGE[:300]
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 190.4), slowly(100.3, 256)])
@@ -136,7 +128,7 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
     begin, end
 ):
     llr, _, stamps = seen(FILM, 2.4, np.random.default_rng(5), begin=begin, end=end)
-    assembly, got, layout = received(llr, stamps)
+    messages, got, layout = received(llr, stamps)
     blocks = [
         b
         for b in range(len(FILM) // 128)
@@ -144,7 +136,7 @@ def test_of_a_recording_that_was_cut_every_whole_block_arrives_and_the_rest_is_n
     ]
     expected = {4 * block + place for block in blocks for place in range(4)}
     count = -(-len(MESSAGE) // (layout.code.info_bytes - 16))
-    (message,) = assembly.messages
+    (message,) = messages
     assert expected - {*range(count, 99)} <= set(message.parts)
     assert message.complete == (len(message.parts) == count)
     for number, part in message.parts.items():
@@ -163,6 +155,6 @@ def test_nothing_is_received_where_nothing_was_sent():
         np.zeros((330, 8, 8)),
         np.full((330, 8, 8), -6.0),
     ):
-        assembly, got, _ = received(llr.astype(np.float32), np.arange(330) / 2.4)
-        assert not assembly.messages
+        messages, got, _ = received(llr.astype(np.float32), np.arange(330) / 2.4)
+        assert not messages
         assert all(received_packet.row[-1] for received_packet in got)

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from vocc_torch.extras.messages.comparison import (
-    Carried,
-    counted,
-)
+from vocc_torch.extras.messages.comparison import Carried, Place, counted, rows_of
 from vocc_torch.extras.messages.front import Front
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
@@ -70,15 +67,17 @@ def test_a_recording_is_read_from_the_first_frame_that_shows_the_panel(receiver)
 
 
 def test_packets_are_counted_by_recording():
-    each = [
-        Carried(counted(n, 4), counted(n, 4), 3.2, 9, n) for n in (0, 4, 4, 1, 0, 0)
-    ]
-    carried = sum(each[1:], each[0])
-    total = Counts(6, 24, 18, 132, 3)
-    assert carried.lost == carried.raw == total
-    assert (carried.frames, carried.false) == (54, 9)
-    assert carried.loss == ber_interval(total)
-    # Recordings are lost as a whole: fewer than 24 packets' worth of knowledge.
-    assert carried.loss.high - carried.loss.low > 0.5
-    assert carried.goodput.value == pytest.approx(3.2 * (1 - 9 / 24))
-    assert carried.goodput.high == pytest.approx(3.2 * (1 - carried.loss.low))
+    """Recordings are lost as a whole: fewer than 24 packets' worth of knowledge."""
+    counts = [counted(lost, 4) for lost in (0, 4, 4, 1, 0, 0)]
+    place = Place("distance_m", 40.0, "flda_3", "none")
+    parts = [Carried(each, each, each.frame_errors, 9, 3.2) for each in counts]
+    (row,) = rows_of({place: parts})
+    loss = ber_interval(Counts(6, 24, 18, 132, 3))
+    assert (row["recordings"], row["packets"], row["lost"]) == (6, 24, 9)
+    assert (row["frames"], row["false_packets"]) == (54, 3)
+    assert row["packet_error_rate"] == loss.value
+    assert (row["packet_error_low"], row["packet_error_high"]) == (loss.low, loss.high)
+    assert row["raw_ber"] == loss
+    assert loss.high - loss.low > 0.5
+    assert row["kbit_s"].value == pytest.approx(3.2 * (1 - 9 / 24))
+    assert row["kbit_s"].high == pytest.approx(3.2 * (1 - loss.low))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.messages.codes import ReedSolomon
 from vocc_torch.extras.messages.layout import Layout
-from vocc_torch.extras.messages.packets import Assembly, packed, unpacked
+from vocc_torch.extras.messages.packets import messages_of, packed, unpacked
 from vocc_torch.extras.messages.receive_task import doubts, lost, write_messages
 from vocc_torch.extras.messages.signalling import MessagePlan, Signalling
 from vocc_torch.hardware import PanelShape
@@ -35,7 +35,7 @@ def test_every_bit_has_a_cell_of_its_own(rows, columns, bands, code):
     laid = layout(rows, columns, bands=bands, code=code)
     cells, places = laid.symbols * (laid.kind == "data").sum(), laid.places.ravel()
     assert len(set(places)) == len(places) == laid.packets * laid.word_bits
-    assert cells - len(places) < 8 * laid.packets + 8 * laid.unit
+    assert cells - len(places) < 8 * laid.packets
     assert laid.word_bits % 8 == 0
     assert laid.word_bits <= 8 * 255
     words = np.random.default_rng(0).integers(
@@ -52,11 +52,11 @@ def test_every_bit_has_a_cell_of_its_own(rows, columns, bands, code):
 
 @given(message=st.binary(min_size=1, max_size=400), size=st.integers(17, 200))
 def test_packets_in_any_order_are_the_message_again(message, size):
-    infos, assembly = list(packed(message, size)), Assembly(size - 16)
-    for info in reversed(infos):
-        assert not any(one.complete for one in assembly.messages)
-        assembly.add(unpacked(info))
-    (only,) = assembly.messages
+    infos = list(packed(message, size))
+    arrived = [unpacked(info) for info in reversed(infos)]
+    for count in range(1, len(arrived)):
+        assert not messages_of(arrived[:count], size - 16)[0].complete
+    (only,) = messages_of(arrived, size - 16)
     assert only.complete
     assert only.content == message
     assert all(len(info) == size for info in infos)
@@ -72,11 +72,8 @@ def test_a_packet_whose_number_or_filling_does_not_fit_is_refused():
 
 
 def assembled(*infos, size=36):
-    """An assembly of packets, as they arrive."""
-    assembly = Assembly(size - 16)
-    for info in infos:
-        assembly.add(unpacked(info))
-    return assembly
+    """The messages of packets, as they arrive."""
+    return messages_of(map(unpacked, infos), size - 16)
 
 
 def forged(sequence, length, crc, payload):
@@ -90,10 +87,10 @@ HONEST = list(packed(TEXT, 36))
 
 
 def test_a_partial_message_says_what_it_lacks(tmp_path):
-    assembly = assembled(HONEST[0], HONEST[2], HONEST[4])
-    (message,) = assembly.messages
+    messages = assembled(HONEST[0], HONEST[2], HONEST[4])
+    (message,) = messages
     assert (message.gaps, message.complete) == ([(1, 1), (3, 3)], False)
-    assert write_messages(assembly, tmp_path) == [
+    assert write_messages(messages, tmp_path) == [
         ("part", "message.partial"),
         ("missing", "missing.csv"),
     ]
@@ -109,10 +106,10 @@ def test_packets_that_claim_gigabytes_hide_no_complete_message_and_fill_no_memor
 ):
     claims = [forged(9 * n, 1 << 31, 7, bytes([n + 1] * 20)) for n in range(12)]
     tracemalloc.start()
-    assembly = assembled(*claims, *HONEST)
-    assert write_messages(assembly, tmp_path) == [("message", "message.bin")]
+    messages = assembled(*claims, *HONEST)
+    assert write_messages(messages, tmp_path) == [("message", "message.bin")]
     assert (tmp_path / "message.bin").read_bytes() == TEXT
-    assert list(doubts(assembly)) == [
+    assert list(doubts(messages)) == [
         "12 packets of 1 other, incomplete messages are not written"
     ]
     alone = assembled(*claims)
@@ -125,29 +122,29 @@ def test_packets_that_claim_gigabytes_hide_no_complete_message_and_fill_no_memor
 
 def test_messages_of_two_transmitters_are_written_both(tmp_path):
     other = list(packed(b"another transmitter's text", 36))
-    assembly = assembled(*HONEST[:2], *other, *HONEST[2:])
-    places = write_messages(assembly, tmp_path)
+    messages = assembled(*HONEST[:2], *other, *HONEST[2:])
+    places = write_messages(messages, tmp_path)
     assert places == [("message", "message.bin"), ("message", "message_2.bin")]
     assert [(tmp_path / name).read_bytes() for _, name in places] == [
         TEXT,
         b"another transmitter's text",
     ]
-    assert not list(doubts(assembly))
+    assert not list(doubts(messages))
 
 
 def test_the_first_payload_of_a_packet_stays_and_a_contradiction_is_reported(tmp_path):
     false = forged(1, len(TEXT), zlib.crc32(TEXT), bytes([99] * 20))
-    assembly = assembled(*HONEST[:3], false, *HONEST[3:])
-    write_messages(assembly, tmp_path)
+    messages = assembled(*HONEST[:3], false, *HONEST[3:])
+    write_messages(messages, tmp_path)
     assert (tmp_path / "message.bin").read_bytes() == TEXT
-    assert list(doubts(assembly)) == [
+    assert list(doubts(messages)) == [
         "1 packets contradict the first packet of the same message and number: they are ignored"
     ]
 
 
 def test_leds_that_are_too_near_each_other_are_the_reason_that_no_packet_arrived():
-    assert "LEDs are 1.7 px apart, and 2 px are needed" in lost(Assembly(20), 4, 1.7)
-    assert "report.csv says why" in lost(Assembly(20), 4, 2.1)
+    assert "LEDs are 1.7 px apart, and 2 px are needed" in lost([], 4, 1.7)
+    assert "report.csv says why" in lost([], 4, 2.1)
 
 
 def coded(code):

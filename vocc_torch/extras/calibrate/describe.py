@@ -2,16 +2,15 @@
 
 import math
 from dataclasses import dataclass, replace
-from operator import itemgetter
 
 import numpy as np
 import torch
 
 from vocc_torch.arrays import Floats
-from vocc_torch.extras.calibrate.drawing import COLUMN, TURNED, lights
 from vocc_torch.extras.calibrate.fit import SURE
+from vocc_torch.extras.calibrate.model import TURNED, RecordingFit, by_name
 from vocc_torch.extras.calibrate.noise import WHITE
-from vocc_torch.extras.calibrate.scene import Findings, Value
+from vocc_torch.extras.calibrate.scene import Findings
 from vocc_torch.extras.calibrate.surround import SETTINGS as SURROUND
 from vocc_torch.extras.calibrate.transfer import TransferCurve
 from vocc_torch.simulation.effects.sensor import Photoelectrons
@@ -59,7 +58,7 @@ def describe(apart: Floats, found: Findings) -> None:
     if counts is None:
         found.say("noise")
     efficiency = brightness(counts, found)
-    blur, deviation = float(fit.value("blur_px")[0]), fit.deviation("blur_px")
+    blur, deviation = float(fit.values["blur_px"].item()), fit.deviation("blur_px")
     if found.tried("blooming", blur, SETTINGS.narrowest_blur_px):
         sigma = min(blur * found.coarse, SETTINGS.widest_blur_px)
         found.tell("effects.blooming.sigma_px", sigma, deviation * found.coarse)
@@ -80,14 +79,12 @@ def describe(apart: Floats, found: Findings) -> None:
 
 def place(apart: Floats, found: Findings) -> None:
     """Describe place and pose."""
-    drawing = found.fit.drawing
-    found.over("distance_m", drawing.distance_m)
-    found.over("offset_x_m", lambda table: drawing.scene(table).offset_x_m.numpy())
-    found.over("offset_y_m", lambda table: drawing.scene(table).offset_y_m.numpy())
+    found.over("distance_m", lambda fit: fit.distance_m)
+    found.over("offset_x_m", lambda fit: fit.scene.offset_x_m.numpy())
+    found.over("offset_y_m", lambda fit: fit.scene.offset_y_m.numpy())
     if set(TURNED) <= set(found.fit.free):
         for name in TURNED:
-            column = itemgetter((slice(None), COLUMN[name]))
-            found.over(f"effects.pose.{name}", column)
+            found.over(f"effects.pose.{name}", by_name(name))
         found.say("signs", when=float(np.median(apart)) < SETTINGS.sure_pose)
 
 
@@ -99,7 +96,7 @@ def veil_luminance(found: Findings) -> tuple[float, float]:
     """
     panel, share = found.panel, found.panel.background_reflectance
     ratios, deviations, common = found.derived(
-        lambda table: lights(table)[1] / lights(table)[0]
+        lambda fit: fit.lights[1] / fit.lights[0]
     )
     middle, shares = float(np.median(ratios)), panel.led_reflectance / share
     error = math.hypot(float(np.median(deviations)) / math.sqrt(len(ratios)), common)
@@ -117,16 +114,14 @@ def veil_luminance(found: Findings) -> tuple[float, float]:
 def brightness(curve: TransferCurve | None, found: Findings) -> float:
     """Describe the light, and give the quantum efficiency that fits to it."""
     fit, config, efficiency = found.fit, found.config, found.config.quantum_efficiency
-    grey = found.over(
-        "background_grey", itemgetter((slice(None), COLUMN["background"])), 1.0
-    )
+    grey = found.over("background_grey", by_name("background"), 1.0)
     veil, veil_error = veil_luminance(found)
     # Luminance of the background at 1 lx.
     background = found.panel.background_reflectance / math.pi + veil
     lux, error = config.ambient_lx or SETTINGS.unknown_lx, math.nan
     note = "as configured" if config.ambient_lx else ""
     if curve is not None and curve.noise.slope:
-        camera = fit.drawing.camera
+        camera = fit.camera
         exposure_lx_s = float(through_lens(torch.tensor(background), camera))
         per_lux = Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure_lx_s
         counted = electrons(found, curve)[0] / per_lux
@@ -140,27 +135,27 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
             efficiency *= counted / config.ambient_lx
     else:
         found.say("illuminance", when=config.ambient_lx is None, lux=lux)
-    found.note(Value("ambient_lx", lux, lux, error, note))
+    found.tell("ambient_lx", lux, error, note)
 
-    def own_light(table: Floats) -> Floats:
-        behind, off, on = lights(table)
+    def own_light(fit: RecordingFit) -> Floats:
+        behind, off, on = fit.lights
         return np.asarray((on - off) / behind * (background * lux))
 
     found.over("led_luminance_cd_m2", own_light, 0.0)
-    found.say("white", when=float(np.median(fit.value("on"))) >= WHITE)
+    found.say("white", when=float(np.median(fit.values["on"])) >= WHITE)
     if veil:
         luminance = "effects.veiling_glare.luminance_cd_m2"
         found.tell(luminance, veil * lux, veil_error * lux)
         found.say("veil")
     if found.panel.board_reflectance is not None:
-        board = round(float(fit.value("board")[0]), 4)
+        board = round(float(fit.values["board"].item()), 4)
         found.panel = replace(found.panel, board_reflectance=board)
     return efficiency
 
 
 def electrons(found: Findings, curve: TransferCurve) -> Floats:
     """Count the background's electrons, and those of the noise in the dark, (2,)."""
-    background = float(np.median(lights(found.fit.table)[0]))
+    background = float(np.median(found.fit.lights[0]))
     return np.array([background, math.sqrt(curve.noise.floor)]) / curve.noise.slope
 
 
@@ -171,7 +166,9 @@ def by_gamma(found: Findings) -> Floats:
     ``(Off / background)^gamma / gamma``.
     """
     fit = found.fit
-    dark = float(np.median(np.abs(np.log(fit.value("off") / fit.value("background")))))
+    dark = float(
+        np.median(np.abs(np.log(fit.values["off"] / fit.values["background"])))
+    )
     return fit.deviation("gamma") * np.array([2 / fit.gamma, 1 / fit.gamma + dark])
 
 

@@ -1,24 +1,20 @@
 """Maximum likelihood by ``scipy.optimize.least_squares``: values of each frame beside those of all."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize, sparse, stats
 
-from vocc_torch.arrays import Bools, Floats, Integers
-from vocc_torch.extras.calibrate.drawing import (
-    COLUMN,
+from vocc_torch.arrays import Floats
+from vocc_torch.extras.calibrate.model import (
     LEVELS,
-    NAMES,
     PLACED,
     SHARED,
     TURNED,
-    PanelDrawing,
-    columns,
+    RecordingFit,
 )
-from vocc_torch.extras.calibrate.noise import Noise, expected
 
 SURE = 1.959963985
 """Standard deviations of a normal 95 % interval."""
@@ -56,109 +52,6 @@ RANGES = {
     "blur_px": SETTINGS.blur_px,
 }
 
-Of = Callable[[Floats], Floats]
-"""Makes a value of each frame (B,) from (B,12)."""
-
-
-@dataclass(frozen=True)
-class RecordingFit:
-    """Values that explain a recording, and how well.
-
-    Args:
-        drawing: the windows, camera and panel.
-        grey: (B,H,W) measured.
-        table: (B,12) as :data:`NAMES`; what frames share is the same in all rows.
-        lit: (B,R*C) which LEDs are On.
-        noise: of the light.
-        free: names of the values that were fitted.
-        misfit: weighted sum of squared residuals, in units of the noise.
-        scale: variance of the residuals over that of the noise.
-        covariances: (3,P,P) of the fitted values, each frame's in turn and then the shared ones, by the
-            curvature of the likelihood and by the scatter of its slopes between blocks and between frames
-            (sandwiches); the widest counts.
-    """
-
-    drawing: PanelDrawing
-    grey: Floats
-    table: Floats
-    lit: Bools
-    noise: Noise = field(default_factory=Noise)
-    free: tuple[str, ...] = ()
-    misfit: float = math.inf
-    scale: float = 1.0
-    covariances: Floats = field(default_factory=lambda: np.zeros((3, 0, 0)))
-
-    @property
-    def by_frame(self) -> list[str]:
-        """Names of the fitted values that each frame has by itself."""
-        return [name for name in self.free if name not in SHARED]
-
-    @property
-    def shared(self) -> list[str]:
-        """Names of the fitted values that all frames share."""
-        return [name for name in self.free if name in SHARED]
-
-    @property
-    def places(self) -> Integers:
-        """Where the fitted values stand in the table, each frame's in turn and then the shared ones, (P,)."""
-        starts = np.arange(len(self.table))[:, None] * len(NAMES)
-        frames = (starts + columns(*self.by_frame)).ravel()
-        return np.concatenate([frames, columns(*self.shared)]).astype(int)
-
-    @property
-    def gamma(self) -> float:
-        """The fitted gamma."""
-        return float(self.table[0, COLUMN["gamma"]])
-
-    def value(self, name: str) -> Floats:
-        """A value of each frame, (B,)."""
-        return self.table[:, COLUMN[name]]
-
-    def set(self, **values: Floats | float) -> "RecordingFit":
-        """Set values by name."""
-        table = self.table.copy()
-        for name, value in values.items():
-            table[:, COLUMN[name]] = value
-        return replace(self, table=table)
-
-    def moved(self, values: Floats) -> "RecordingFit":
-        """Take the fitted values from a vector."""
-        table, shared = self.table.copy(), columns(*SHARED)
-        table.ravel()[self.places] = values
-        table[:, shared] = table[0, shared]
-        return replace(self, table=table)
-
-    def predicted(self) -> tuple[Floats, Floats]:
-        """Mean and variance of the grey values, (B,H,W) each."""
-        light = self.drawing.light(self.table, self.lit)
-        return expected(light, self.gamma, self.noise)
-
-    def deviation(self, name: str) -> float:
-        """Standard deviation of a value that all share; 0 where it was not fitted."""
-        if name not in self.free:
-            return 0.0
-        at = self.shared.index(name) - len(self.shared)
-        return math.sqrt(self.covariances[:, at, at].max())
-
-    def derived(self, of: Of) -> tuple[Floats, Floats, float]:
-        """Derive a value of every frame from the fitted ones, and how sure it is.
-
-        Returns:
-            the values (B,), their standard deviations (B,) but for what all frames have in common, and the
-            standard deviation of that.
-        """
-        values, frames = self.table.ravel()[self.places], len(self.table)
-        steps = 1e-6 * np.abs(values).clip(min=1.0)
-        slope = np.atleast_2d(
-            optimize.approx_fprime(values, lambda v: of(self.moved(v).table), steps)
-        )
-        spreads = slope @ self.covariances @ slope.T
-        spread = max(spreads, key=np.trace)
-        pairs = (spread.sum() - spread.trace()) / max(frames * (frames - 1), 1)
-        common, every = max(0.0, float(pairs)), spread.diagonal()
-        deviation = np.sqrt((every - common).clip(min=1e-3 * every))
-        return of(self.table), deviation, math.sqrt(common)
-
 
 def settled(
     fit: RecordingFit,
@@ -179,28 +72,27 @@ def settled(
     # Residuals count in full up to four standard deviations of the bulk, and less beyond.
     calm = np.minimum(SETTINGS.clear_sigmas * bulk / off.clip(min=1e-9), 1.0)
     root: Floats = np.sqrt(calm / variance)
-    frames = len(fit.grey)
-    names = fit.by_frame * frames + fit.shared
-    low, high = np.array([RANGES[name] for name in names]).T
+    low, high = np.array([RANGES[name] for name in fit.names]).T
     dense = np.ones((fit.grey[0].size, len(fit.by_frame)))
     common = np.ones((fit.grey.size, len(fit.shared)))
+    sparsity = [sparse.kron(sparse.eye(len(fit.grey)), dense), common]
 
-    def residual(values: Floats) -> Floats:
-        return (root * (fit.moved(values).predicted()[0] - fit.grey)).ravel()
+    def residual(vector: Floats) -> Floats:
+        return (root * (fit.moved(vector).predicted()[0] - fit.grey)).ravel()
 
     found = optimize.least_squares(
         residual,
-        fit.table.ravel()[fit.places].clip(low + 1e-6, high - 1e-6),
+        fit.vector.clip(low + 1e-6, high - 1e-6),
         bounds=(low, high),
         x_scale="jac",
-        jac_sparsity=sparse.hstack([sparse.kron(sparse.eye(frames), dense), common]),
+        jac_sparsity=sparse.hstack(sparsity),
         max_nfev=evaluations,
         ftol=SETTINGS.tolerance,
         xtol=SETTINGS.tolerance,
         gtol=None,
     )
     misfit = 2 * float(found.cost)
-    scale = max(misfit / max(fit.grey.size - len(names), 1.0), 1e-12)
+    scale = max(misfit / max(fit.grey.size - len(low), 1.0), 1e-12)
     spread = covariances(found.jac, found.fun, scale, fit.grey.shape)
     return replace(fit.moved(found.x), misfit=misfit, scale=scale, covariances=spread)
 

@@ -7,8 +7,9 @@ import numpy as np
 import torch
 
 from vocc_torch.arrays import Bools, Floats
-from vocc_torch.extras.calibrate.drawing import LEVELS, NAMES, PanelDrawing
-from vocc_torch.extras.calibrate.fit import RecordingFit, settled
+from vocc_torch.extras.calibrate.fit import settled
+from vocc_torch.extras.calibrate.model import LEVELS, RecordingFit
+from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.receiver.levels import two_levels
 from vocc_torch.receiver.resample import cell_size_px, centre_greys
 from vocc_torch.types import Frames, Panels
@@ -28,36 +29,41 @@ SETTINGS = LedSettings()
 
 
 def start(
-    drawing: PanelDrawing, grey: Floats, corners_px: Floats, bits: Bools | None
+    windows: Frames,
+    camera: Camera,
+    panel: LedPanel,
+    corners_px: Floats,
+    bits: Bools | None,
 ) -> RecordingFit:
     """Begin from the corners that the locator found.
 
     Args:
-        drawing: the windows.
-        grey: (B,H,W) of the frames in them.
+        windows: about the panel in each frame.
+        camera: the camera.
+        panel: the panel.
         corners_px: (B,4,2) on the sensor.
         bits: (B,R,C) known bits, or None to decide them from the grey values at the LEDs' centres.
     """
-    panel, corners = drawing.panel, torch.from_numpy(corners_px)
+    corners, grey = torch.from_numpy(corners_px), windows.grey[:, 0].numpy()
     shape, share = panel.shape, panel.background_reflectance
-    planes = torch.from_numpy(grey)[:, None]
-    windows = Frames(planes, drawing.origin_px, drawing.camera.sensor_px)
     read = centre_greys(windows, Panels.known(corners), shape).flatten(1)
     bright = (read > two_levels(read)[0][:, None]).numpy()
     lit = bright if bits is None else bits.reshape(bright.shape)
     behind = np.median(grey[:, [0, 1, -2, -1]], axis=(1, 2)).clip(min=1.0)
     pitch = np.mean([size.numpy() for size in cell_size_px(corners, shape)], axis=0)
     right = corners_px[:, 1] - corners_px[:, 0]
-    begun = RecordingFit(drawing, grey, np.zeros((len(grey), len(NAMES))), lit).set(
+    begun = RecordingFit(camera, panel, windows.origin_px, grey, lit).set(
         x_px=corners_px[..., 0].mean(1),
         y_px=corners_px[..., 1].mean(1),
         log_pitch_px=np.log(pitch),
+        yaw_deg=0.0,
+        pitch_deg=0.0,
         roll_deg=np.degrees(np.arctan2(right[:, 1], right[:, 0])),
         background=behind,
-        off=behind * (panel.led_reflectance / share) ** (1 / drawing.camera.gamma),
+        off=behind * (panel.led_reflectance / share) ** (1 / camera.gamma),
         on=SETTINGS.brighter * read.amax(1).numpy(),
         board=panel.board_reflectance or share,
-        gamma=drawing.camera.gamma,
+        gamma=camera.gamma,
         blur_px=SETTINGS.blur_pitches * np.median(pitch),
     )
     return settled(begun, (*LEVELS, "blur_px"), 8)
@@ -81,7 +87,7 @@ def likelier(fit: RecordingFit) -> Bools:
 
     LEDs that share no pixel are flipped together. An LED beyond white is told by its flanks.
     """
-    shape, step, lit = fit.drawing.panel.shape, SETTINGS.flip_step, fit.lit
+    shape, step, lit = fit.panel.shape, SETTINGS.flip_step, fit.lit
     numbers = np.arange(shape.leds).reshape(shape.sides)
     frame = np.arange(len(lit))[:, None, None] * shape.leds
     for i, j in np.ndindex(min(step, shape.rows), min(step, shape.columns)):
@@ -89,7 +95,7 @@ def likelier(fit: RecordingFit) -> Bools:
         other = lit.copy()
         other[:, group] ^= True
         gain = squares(replace(fit, lit=lit)) - squares(replace(fit, lit=other))
-        place = frame + fit.drawing.nearest(fit.table, group)
+        place = frame + fit.nearest(group)
         total = np.bincount(place.ravel(), gain.ravel(), lit.size)
         lit = np.where(total.reshape(lit.shape) > 0, other, lit)
     return lit
@@ -101,12 +107,16 @@ def mirrored(fit: RecordingFit) -> tuple[RecordingFit, Floats]:
     Returns:
         the better fit, and by how much the misfit of each frame tells the two ways apart, (B,).
     """
-    other = fit.set(yaw_deg=-fit.value("yaw_deg"), pitch_deg=-fit.value("pitch_deg"))
-    other = settled(other, fit.free, 8)
+    turned = {name: -fit.values[name] for name in ("yaw_deg", "pitch_deg")}
+    other = settled(fit.set(**turned), fit.free, 8)
     gain = (squares(fit) - squares(other)).sum((1, 2))
-    if (gain > 0).any():
-        table = np.where((gain > 0)[:, None], other.table, fit.table)
-        fit = settled(replace(fit, table=table), fit.free)
+    better = gain > 0
+    if better.any():
+        mixed = {
+            name: np.where(better[: len(value)], other.values[name], value)
+            for name, value in fit.values.items()
+        }
+        fit = settled(fit.set(**mixed), fit.free)
     return fit, np.abs(gain) / fit.scale
 
 

@@ -1,7 +1,7 @@
 """A recording read as a stream: some of its frames are kept, and the panel is found in those."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -56,19 +56,16 @@ class Footage:
         names = ("greys", "numbers", "corners_px")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
-    def doubts(self) -> list[str]:
+    def doubts(self) -> Iterator[str]:
         """Say what these frames cannot tell."""
-        said, count = [], len(self)
+        count = len(self)
         if count < 4:
-            said.append(
+            yield (
                 f"{count} frame{'s' * (count > 1)} with the panel: "
                 "noise and motion cannot be estimated; give a recording"
             )
         if count < self.looked / 2:
-            said.append(
-                f"the panel was found in {count} of {self.looked} frames: the scene describes only these"
-            )
-        return said
+            yield f"the panel was found in {count} of {self.looked} frames: the scene describes only these"
 
     def __len__(self) -> int:
         """Count the frames."""
@@ -76,12 +73,12 @@ class Footage:
 
 
 def thinned(
-    recording: Iterator[RecordedFrame], most: int
-) -> tuple[list[RecordedFrame], int, int]:
+    recording: Iterable[RecordedFrame], most: int
+) -> tuple[dict[int, RecordedFrame], int]:
     """Keep frames at equal steps, ``most`` to twice as many, however long the recording is.
 
     Returns:
-        the frames, how many were read, and how many of them one step is.
+        the frames by their numbers, and how many were read.
 
     Raises:
         VoccError: frames of several sizes.
@@ -89,24 +86,27 @@ def thinned(
     Example:
         >>> one = np.zeros((2, 2), np.uint8)
         >>> many = (RecordedFrame("a", i, None, one, one) for i in range(1000))
-        >>> kept, *counts = thinned(many, 4)
-        >>> [frame.index for frame in kept], counts
-        ([0, 256, 512, 768], [1000, 256])
+        >>> kept, read = thinned(many, 4)
+        >>> [*kept], read
+        ([0, 256, 512, 768], 1000)
     """
-    chosen: list[RecordedFrame] = []
+    chosen: dict[int, RecordedFrame] = {}
     step, number = 1, 0
-    for number, frame in enumerate(recording, 1):
-        if chosen and frame.grey.shape != chosen[0].grey.shape:
-            (h, w), (height, width) = frame.grey.shape, chosen[0].grey.shape
+    # A folder's pictures are numbered from 0 each; these numbers count the frames read.
+    for number, frame in enumerate(recording):
+        first = chosen.setdefault(0, frame)
+        if frame.grey.shape != first.grey.shape:
+            (h, w), (height, width) = frame.grey.shape, first.grey.shape
             raise VoccError(
-                f"input: {frame.source} is {w} x {h} px and {chosen[0].source} is {width} x {height}: "
+                f"input: {frame.source} is {w} x {h} px and {first.source} is {width} x {height}: "
                 "all frames must be of one camera and one size"
             )
-        if (number - 1) % step == 0:
-            chosen.append(frame)
+        if number % step == 0:
+            chosen[number] = frame
         if len(chosen) >= 2 * most:
-            chosen, step = chosen[::2], 2 * step
-    return chosen, number, step
+            step *= 2
+            chosen = {n: chosen[n] for n in chosen if n % step == 0}
+    return chosen, number + 1
 
 
 def agreeing(corners_px: Floats) -> Bools:
@@ -136,8 +136,8 @@ def read_footage(
     """
     failures: list[str] = []
     frames = readable(read_recording(source, config.channel, grey_only=True), failures)
-    chosen, read, step = thinned(frames, config.frames)
-    greys = np.stack([frame.grey for frame in chosen])
+    chosen, read = thinned(frames, config.frames)
+    greys = np.stack([frame.grey for frame in chosen.values()])
     white = float((greys >= 255).mean())
     if white > SETTINGS.white_share:
         raise VoccError(
@@ -161,7 +161,5 @@ def read_footage(
             f"less than {SETTINGS.most_panels:g} panel sizes apart, and within a factor of {SETTINGS.alike_size:g}; "
             "keep camera and panel still, or give a larger calibrate.frames or another receiver.locator"
         )
-    # A folder's pictures are numbered from 0 each; steps count the frames read.
-    numbers = np.arange(len(chosen)) * step
-    every = Footage(greys, numbers, corners, read, len(chosen), failures)
-    return every.taken(rows)
+    numbers = np.array([*chosen])[rows]
+    return Footage(greys[rows], numbers, corners[rows], read, len(chosen), failures)

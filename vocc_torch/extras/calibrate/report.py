@@ -8,7 +8,7 @@ from matplotlib import colormaps
 
 from vocc_torch.extras.calibrate.fit import SURE
 from vocc_torch.extras.calibrate.noise import ROUNDING, expected
-from vocc_torch.extras.calibrate.scene import Findings
+from vocc_torch.extras.calibrate.scene import WORDS, Findings
 from vocc_torch.extras.calibrate.transfer import TransferCurve
 from vocc_torch.files import write_atomically
 from vocc_torch.report import page, plots
@@ -30,8 +30,9 @@ def write_page(study: Findings, source: str, command: str, folder: Path) -> None
     rms = write_frames(study, folder / "frames.png")
     if study.curve is not None:
         write_transfer(study.fit.gamma, study.curve, folder / "transfer.png")
-    words = {"source": source, "command": command, "study": study, "sure": SURE}
-    text = page.render(__package__, "page.md.j2", rms=rms, **words)
+    about = {"source": source, "command": command, "study": study, "sure": SURE}
+    words = WORDS["effects"]
+    text = page.render(__package__, "page.md.j2", rms=rms, words=words, **about)
     html = page.html(text, f"A scene from {source}", folder)
     write_atomically(folder / "page.md", text.encode())
     write_atomically(folder / "page.html", html.encode())

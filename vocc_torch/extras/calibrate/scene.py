@@ -11,7 +11,8 @@ from scipy import stats
 
 from vocc_torch.arrays import Floats
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.extras.calibrate.fit import SURE, Of, RecordingFit
+from vocc_torch.extras.calibrate.fit import SURE
+from vocc_torch.extras.calibrate.model import Of, RecordingFit
 from vocc_torch.extras.calibrate.reading import Footage
 from vocc_torch.extras.calibrate.surround import SETTINGS, Falloff
 from vocc_torch.extras.calibrate.transfer import TransferCurve
@@ -45,19 +46,18 @@ class Named(NamedTuple):
 
     Args:
         effect: its name.
-        asked: whether it is in the scene.
-        criterion: what was compared, in words.
-        explains: what it explains.
         gain: by how much the criterion favours the effect.
         threshold: the gain from which it is named.
     """
 
     effect: str
-    asked: bool
-    criterion: str
-    explains: str
     gain: float
     threshold: float
+
+    @property
+    def asked(self) -> bool:
+        """Whether it is in the scene."""
+        return self.gain > self.threshold
 
 
 @dataclass
@@ -108,29 +108,21 @@ class Findings:
 
     def text(self, name: str, source: str) -> str:
         """Write the scene as YAML, each value beside what it explains and how sure it is."""
-        words = {"scene": self, "name": name, "source": source, "sure": SURE}
-        return render(__package__, "scene.yaml.j2", inline=inline, **words)
+        about = {"scene": self, "name": name, "source": source, "sure": SURE}
+        words = WORDS["effects"]
+        return render(__package__, "scene.yaml.j2", inline=inline, words=words, **about)
 
     def tried(self, effect: str, gain: float = 1.0, threshold: float = 0.0) -> bool:
         """Note an effect, and say whether the recording asks for it."""
-        asked = gain > threshold
-        criterion, explains = WORDS["effects"][effect]
-        self.effects.append(Named(effect, asked, criterion, explains, gain, threshold))
-        return asked
+        self.effects.append(Named(effect, gain, threshold))
+        return self.effects[-1].asked
 
-    def judge(
-        self, effect: str, simple: RecordingFit, rich: RecordingFit
-    ) -> RecordingFit:
-        """Keep the richer of two fits where Schwarz's criterion favours it, in units of its own noise."""
-        gain = (simple.misfit - rich.misfit) / rich.scale
-        gain -= (len(rich.places) - len(simple.places)) * math.log(rich.grey.size)
-        # What coding leaves hangs together over its blocks.
-        threshold = SETTINGS.coded_gain * self.is_coded
-        return rich if self.tried(effect, gain, threshold) else simple
-
-    def tell(self, key: str, value: float, deviation: float = math.nan) -> None:
+    def tell(
+        self, key: str, value: float, deviation: float = math.nan, note: str = ""
+    ) -> None:
         """Note a number."""
-        self.note(Value(key, value, value, deviation, WORDS["values"].get(key, "")))
+        note = note or WORDS["values"].get(key, "")
+        self.note(Value(key, value, value, deviation, note))
 
     def derived(self, of: Of) -> tuple[Floats, Floats, float]:
         """Derive a value of every frame; coded ones err alike, as the panel lies in the blocks' grid."""

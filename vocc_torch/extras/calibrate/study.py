@@ -1,5 +1,6 @@
 """From frames to a scene: fits one after the other, each effect only where the recording asks for it."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,18 +10,18 @@ from vocc_torch.arrays import Bools, Floats
 from vocc_torch.errors import VoccError
 from vocc_torch.extras.calibrate import CalibrateConfig
 from vocc_torch.extras.calibrate.describe import describe
-from vocc_torch.extras.calibrate.drawing import TURNED, PanelDrawing
 from vocc_torch.extras.calibrate.fit import (
     BASE,
     POSED,
     RANGES,
-    RecordingFit,
     settled,
 )
 from vocc_torch.extras.calibrate.leds import SETTINGS as LEDS
 from vocc_torch.extras.calibrate.leds import decided, mirrored, start
+from vocc_torch.extras.calibrate.model import TURNED, RecordingFit
 from vocc_torch.extras.calibrate.reading import Footage
 from vocc_torch.extras.calibrate.scene import WORDS, Findings
+from vocc_torch.extras.calibrate.surround import SETTINGS as SURROUND
 from vocc_torch.extras.calibrate.surround import (
     background,
     compression,
@@ -30,6 +31,7 @@ from vocc_torch.extras.calibrate.surround import (
 from vocc_torch.extras.calibrate.transfer import transfer
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.receiver.resample import cell_size_px
+from vocc_torch.types import Frames
 
 
 @dataclass(frozen=True)
@@ -52,14 +54,8 @@ class StudySettings:
 SETTINGS = StudySettings()
 
 
-def drawing_of(
-    footage: Footage, camera: Camera, panel: LedPanel
-) -> tuple[PanelDrawing, Floats]:
-    """Cut a window about the panel from each frame, all of one size, on a grid of 8 px.
-
-    Returns:
-        what is known of them, and their grey values (B,H,W).
-    """
+def windows_of(footage: Footage, camera: Camera, panel: LedPanel) -> Frames:
+    """Cut a window about the panel from each frame, all of one size, on a grid of 8 px."""
     grid, sensor = SETTINGS.grid_px, np.array([camera.width_px, camera.height_px])
     low, high = footage.corners_px.min(1), footage.corners_px.max(1)
     cell = (high - low).max() / max(panel.shape.sides)
@@ -70,8 +66,8 @@ def drawing_of(
     width, height = size.tolist()
     places = zip(footage.greys, first.tolist(), strict=True)
     greys = [grey[y : y + height, x : x + width] for grey, (x, y) in places]
-    drawing = PanelDrawing(camera, panel, torch.from_numpy(first), (height, width))
-    return drawing, np.stack(greys).astype(float)
+    planes = torch.from_numpy(np.stack(greys).astype(float))[:, None]
+    return Frames(planes, torch.from_numpy(first), camera.sensor_px)
 
 
 def coarsened(footage: Footage, camera: Camera, times: int) -> tuple[Footage, Camera]:
@@ -110,9 +106,9 @@ def calibrate(
     pitch = float(torch.minimum(*sizes).median())
     times = max(1, int(pitch / SETTINGS.finest_pitch_px))
     used, coarse = coarsened(chosen, camera, times)
-    drawing, grey = drawing_of(used, coarse, panel)
+    windows = windows_of(used, coarse, panel)
     shown = None if bits is None else bits[used.numbers.clip(max=len(bits) - 1)]
-    begun = start(drawing, grey, used.corners_px, shown)
+    begun = start(windows, coarse, panel, used.corners_px, shown)
     demand_contrast(begun)
     coded = compression(footage.greys)
     found = Findings(camera, panel, config, used, begun, coded, times)
@@ -138,9 +134,9 @@ def calibrate(
         fit = settled(fit.set(gamma=camera.gamma), free)
     found.fall = falloff(used.greys, outside, fit)
     if found.fall.gain > 0:
-        drawing = replace(drawing, corner_loss=found.fall.corner_loss)
-        fit = settled(replace(fit, drawing=drawing), fit.free)
-    if not quiet and len(grey) >= SETTINGS.noise_frames:
+        dimmed = replace(fit, corner_loss=found.fall.corner_loss)
+        fit = settled(dimmed, fit.free)
+    if not quiet and len(used) >= SETTINGS.noise_frames:
         fit = settled(replace(fit, noise=transfer(fit).noise), fit.free)
         found.curve = transfer(fit)
     found.fit = decided(fit, fit.free, rounds)
@@ -156,20 +152,23 @@ def placed(
     Returns:
         the fit, and by how much each frame tells a pose from its mirror image.
     """
-    board = () if begun.drawing.panel.board_reflectance is None else ("board",)
+    board = () if begun.panel.board_reflectance is None else ("board",)
     turn = SETTINGS.turned_deg
     turned = begun.set(yaw_deg=turn, pitch_deg=turn / 2)
     fit = decided(turned, (*board, *POSED), rounds)
     flat = fit.set(**dict.fromkeys(TURNED, 0.0))
     upright = settled(flat, (*board, *BASE))
-    if found.judge("pose", upright, fit) is upright:
-        return decided(upright, upright.free, rounds), np.zeros(len(fit.grey))
-    return mirrored(fit)
+    # Schwarz's criterion in units of the richer fit's noise. What coding leaves hangs together over its blocks.
+    gain = (upright.misfit - fit.misfit) / fit.scale
+    gain -= (len(fit.names) - len(upright.names)) * math.log(fit.grey.size)
+    if found.tried("pose", gain, SURROUND.coded_gain * found.is_coded):
+        return mirrored(fit)
+    return decided(upright, upright.free, rounds), np.zeros(len(fit.grey))
 
 
 def demand_contrast(fit: RecordingFit) -> None:
     """Refuse frames in which no LED differs from another."""
-    contrast = float(np.median(fit.value("on") - fit.value("off")))
+    contrast = float(np.median(fit.values["on"] - fit.values["off"]))
     if fit.lit.all() or not fit.lit.any() or contrast < SETTINGS.least_contrast:
         raise VoccError(
             f"input: all LEDs look alike in all {len(fit.grey)} frames: show symbols with LEDs On and LEDs Off"

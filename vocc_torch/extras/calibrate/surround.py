@@ -12,7 +12,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from scipy import fft
 
 from vocc_torch.arrays import Bools, Floats, Numbers
-from vocc_torch.extras.calibrate.fit import RecordingFit
+from vocc_torch.extras.calibrate.model import RecordingFit
 
 
 @dataclass(frozen=True)
@@ -125,13 +125,15 @@ def falloff(greys: Numbers, outside: Bools, fit: RecordingFit) -> Falloff:
     free &= (excess < far) & (light > 0)
     y, count = light[free], int(free.sum())
     # A panel as bright as its background leaves the shade alone.
-    behind, share = fit.value("background"), fit.drawing.panel.background_reflectance
-    table = fit.set(off=behind, on=behind, board=share).table[:1]
+    behind, share = fit.values["background"], fit.panel.background_reflectance
+    even = replace(
+        fit.set(off=behind, on=behind, board=share).first,
+        origin_px=torch.zeros(1, 2).long(),
+        grey=np.empty((1, *fit.camera.sensor_px)),
+    )
 
     def shade(loss: float) -> Floats:
-        size, origin = fit.drawing.camera.sensor_px, torch.zeros(1, 2).long()
-        drawing = replace(fit.drawing, origin_px=origin, size_px=size, corner_loss=loss)
-        planes = tiled(drawing.light(table, fit.lit[:1])[0], side)
+        planes = tiled(replace(even, corner_loss=loss).light()[0], side)
         return np.asarray(planes.mean((-2, -1))[free])
 
     natural = shade(0.0)

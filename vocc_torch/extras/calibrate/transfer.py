@@ -7,7 +7,7 @@ import numpy as np
 from scipy import optimize
 
 from vocc_torch.arrays import Floats
-from vocc_torch.extras.calibrate.fit import RecordingFit
+from vocc_torch.extras.calibrate.model import RecordingFit
 from vocc_torch.extras.calibrate.noise import WHITE, Noise, encoded, expected
 
 
@@ -57,13 +57,13 @@ def by_level(fit: RecordingFit) -> Floats:
     Where the panel stands still, each pixel loses its mean over the frames in which the LED next to it is On,
     and over those in which it is Off, so that what the model misses everywhere alike is no noise.
     """
-    light = fit.drawing.light(fit.table, fit.lit)
+    light = fit.light()
     left = fit.grey - fit.predicted()[0]
-    remaining, origin = np.ones_like(left), fit.drawing.origin_px
-    moved = np.std([fit.value("x_px"), fit.value("y_px")], axis=1).max()
+    remaining, origin = np.ones_like(left), fit.origin_px
+    moved = np.std([fit.values["x_px"], fit.values["y_px"]], axis=1).max()
     if moved < SETTINGS.still_px and bool((origin == origin[0]).all()):
-        every = np.arange(fit.drawing.panel.shape.leds)
-        lit = fit.lit[:, fit.drawing.nearest(fit.table, every)[0]]
+        every = np.arange(fit.panel.shape.leds)
+        lit = fit.lit[:, fit.nearest(every)[0]]
         for mask in (lit, np.logical_not(lit)):
             share = mask / mask.sum(0).clip(min=1)
             left -= mask * (left * share).sum(0)

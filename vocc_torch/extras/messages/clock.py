@@ -53,7 +53,7 @@ class PendingFrame(NamedTuple):
     """A frame that is not settled yet.
 
     Args:
-        llr: (R C,) float32.
+        llr: (R,C) float32.
         time_s: when it was taken, or None.
         likelihood: (P B,) float32, log-likelihood of each state.
         value: (P B,) float32, that of the likeliest way that ends in each state.
@@ -96,23 +96,21 @@ class SymbolClock:
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
-        kind = layout.kind.ravel()
-        rows = layout.band_of_row.repeat(layout.kind.shape[1])
-        shown = layout.known.reshape(layout.symbols, -1).T.astype(np.float32)
-        known = [(rows == band) & (kind != "data") for band in range(layout.bands)]
-        self._known = [(cells, shown[cells]) for cells in known]
-        self._anchors = kind == "anchor"
-        self._lit = None
-        self._value = np.zeros(layout.symbols * layout.bands, dtype=np.float32)
+        known = layout.known.astype(np.float32)
+        rows = layout.band_of_row[:, None]
+        cells = [(layout.kind != "data") & (rows == n) for n in range(layout.bands)]
+        self._known = [(places, known[:, places].T) for places in cells]
+        self._lit: Singles | None = None
         self._frames: list[PendingFrame] = []
-        self._last: float | None = None
+        self._value = np.zeros(layout.symbols * layout.bands, dtype=np.float32)
+        self._last_s: float | None = None
         self._unit: int | None = None
         self._ahead = 0.0
 
     def ticks(self, recording: Iterable[SoftFrames]) -> Iterator[Ticks]:
         """Settle the frames of a recording, some hundreds at a time."""
         for llr, times_s in recording:
-            self._take(llr, times_s)
+            self._take(llr.astype(np.float32), times_s)
             if len(self._frames) >= 2 * SETTINGS.delay_frames:
                 yield self._settle(len(self._frames) - SETTINGS.delay_frames)
         if self._frames:
@@ -120,28 +118,26 @@ class SymbolClock:
 
     def _take(self, llr: Singles, times_s: Sequence[float | None]) -> None:
         """Take frames in."""
-        flat = llr.reshape(len(llr), -1).astype(np.float32)
-        newest = 1 / SETTINGS.memory_frames
+        lit, newest = np.sign(llr), 1 / SETTINGS.memory_frames
         if self._lit is None:  # a cell may be hidden from the begin on
-            self._lit = (1 - newest) * np.sign(flat).mean(axis=0, keepdims=True)
-        alive, self._lit = lfilter(
-            [newest], [1, newest - 1], np.sign(flat), axis=0, zi=self._lit
+            self._lit = (1 - newest) * lit.mean(axis=0, keepdims=True)
+        recent, self._lit = lfilter(
+            [newest], [1, newest - 1], lit, axis=0, zi=self._lit
         )
-        alive = (np.abs(alive) < SETTINGS.stuck_share) | self._anchors
-        likelihoods = self._likelihood(
-            flat.clip(-SETTINGS.most_llr, SETTINGS.most_llr) * alive
-        )
-        for row, likelihood, time_s in zip(flat, likelihoods, times_s, strict=True):
+        alive = np.abs(recent) < SETTINGS.stuck_share
+        alive |= self.layout.kind == "anchor"
+        clipped = llr.clip(-SETTINGS.most_llr, SETTINGS.most_llr)
+        likelihoods = self._likelihood(clipped * alive)
+        for frame, likelihood, time_s in zip(llr, likelihoods, times_s, strict=True):
             # Without a clock of its own the camera is taken to be faster than the panel.
             ahead = 0.5
-            if time_s is not None and self._last is not None:
+            if time_s is not None and self._last_s is not None:
                 rate_hz = self.layout.plan.signalling.symbol_rate_hz
-                ahead = max(0.0, (time_s - self._last) * rate_hz)
-            self._last = time_s
+                ahead = max(0.0, (time_s - self._last_s) * rate_hz)
+            self._last_s = time_s
             self._value = self._moved(self._value, ahead, 1) + likelihood
-            self._frames.append(
-                PendingFrame(row, time_s, likelihood, self._value, ahead)
-            )
+            pending = PendingFrame(frame, time_s, likelihood, self._value, ahead)
+            self._frames.append(pending)
 
     def _likelihood(self, llr: Singles) -> Singles:
         """Give the log-likelihood of every state (F,P*B) from known cells."""
@@ -181,37 +177,39 @@ class SymbolClock:
 
     def _settle(self, count: int) -> Ticks:
         """Settle the oldest frames, by all that are there."""
-        bands, n = self.layout.bands, len(self._value)
-        path, doubtful = [], []
-        after, states = np.zeros_like(self._value), np.arange(n)
-        for frame in reversed(self._frames):
-            total = frame.value + after
-            path.append(int(total.argmax()))
-            apart = np.abs((states - path[-1] + n // 2) % n - n // 2)
-            beyond = total[apart > SETTINGS.least_jump_symbols * bands].max()
-            doubtful.append(bool(total.max() - beyond <= SETTINGS.clear_margin))
-            after = self._moved(after + frame.likelihood, frame.ahead, -1)
+        path, clear = self._path()
         settled, self._frames = self._frames[:count], self._frames[count:]
+        bands, n = self.layout.bands, len(self._value)
         if self._unit is None:
-            self._unit, self._ahead = path[-1], -settled[0].ahead * bands
-        units = np.empty(count, dtype=np.int64)
+            self._unit, self._ahead = path[0], -settled[0].ahead * bands
+        units = np.empty((count, 1), dtype=np.int64)
         back = SETTINGS.most_back_symbols * bands
         for i, frame in enumerate(settled):
             self._ahead += frame.ahead * bands
-            step = (path[-1 - i] - self._unit + back) % n - back
+            step = (path[i] - self._unit + back) % n - back
             # A gap may be longer than a block.
             step += n * max(0, round((self._ahead - step) / n))
             units[i] = self._unit + step
-            if not doubtful[-1 - i]:
+            if clear[i]:
                 self._unit, self._ahead = self._unit + step, 0.0
         llr = np.stack([frame.llr for frame in settled])
-        is_next = np.arange(bands) >= bands - units[:, None] % bands
-        symbol = units[:, None] // bands + is_next
-        agreement = llr[:, self.layout.kind.ravel() == "clock"] * (2 * (symbol % 2) - 1)
-        agreement[doubtful[: -1 - count : -1]] = 0
-        return Ticks(
-            symbol,
-            agreement.astype(np.float32),
-            llr.reshape(count, *self.layout.kind.shape),
-            [frame.time_s for frame in settled],
-        )
+        symbol = units // bands + (np.arange(bands) >= bands - units % bands)
+        agreement = llr[:, self.layout.kind == "clock"] * (2 * (symbol % 2) - 1)
+        agreement[np.logical_not(clear[:count])] = 0
+        times_s = [frame.time_s for frame in settled]
+        return Ticks(symbol, agreement.astype(np.float32), llr, times_s)
+
+    def _path(self) -> tuple[list[int], list[bool]]:
+        """Give the likeliest state of each frame, and whether states beyond a jump are clearly less likely."""
+        n, frames = len(self._value), len(self._frames)
+        path, clear = [0] * frames, [False] * frames
+        after, states = np.zeros_like(self._value), np.arange(n)
+        for i in reversed(range(frames)):
+            frame = self._frames[i]
+            total = frame.value + after
+            path[i] = int(total.argmax())
+            apart = np.abs((states - path[i] + n // 2) % n - n // 2)
+            far = apart > SETTINGS.least_jump_symbols * self.layout.bands
+            clear[i] = bool(total.max() - total[far].max() > SETTINGS.clear_margin)
+            after = self._moved(after + frame.likelihood, frame.ahead, -1)
+        return path, clear

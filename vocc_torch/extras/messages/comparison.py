@@ -1,32 +1,59 @@
-"""Recordings of many points, each read by every receiver, and what arrives of every code in it."""
+"""``task=messages``: how far messages carry, by receiver and code; a table and a picture."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import astuple, replace
+from functools import partial
 from itertools import product
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from vocc_torch.arrays import Bools
+from vocc_torch.errors import VoccError, section
 from vocc_torch.extras.messages.clock import SoftFrames
-from vocc_torch.extras.messages.combine import Block, blocks_of
-from vocc_torch.extras.messages.config import MessagesConfig
+from vocc_torch.extras.messages.config import AXES, MessagesConfig
 from vocc_torch.extras.messages.front import Front
 from vocc_torch.extras.messages.layout import Layout
 from vocc_torch.extras.messages.packets import packed, payload_bytes
-from vocc_torch.extras.messages.reception import decoded
-from vocc_torch.extras.messages.record_task import Take
+from vocc_torch.extras.messages.reception import Block, blocks_of, decoded
+from vocc_torch.extras.messages.record_task import shutter_of
 from vocc_torch.extras.messages.signalling import MessagePlan
+from vocc_torch.measure import executors, timing
+from vocc_torch.measure.build import build_plan
+from vocc_torch.measure.config import Settings
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.train import calibrated_receiver, train
+from vocc_torch.receiver.deciders import GREYSCALE_RECEIVERS
 from vocc_torch.receiver.receiver import Receiver
+from vocc_torch.report import folder as run_folder
+from vocc_torch.report import plots, terminal
+from vocc_torch.report.styles import axis_label, receiver_styles, value_text
 from vocc_torch.rng import BlockKey
-from vocc_torch.simulation.recording import NoFrameLeftError
+from vocc_torch.simulation.recording import NoFrameLeftError, record
 from vocc_torch.simulation.scene import narrowed
+from vocc_torch.studies.compare.report import write_report
+
+HEADS = {
+    "axis": "",
+    "value": "",
+    "receiver": "receiver",
+    "code": "code",
+    "kbit_s": "kbit/s",
+    "raw_ber": "raw BER",
+    "false_packets": "false",
+}
+"""Columns of the terminal's table."""
+
+
+LOSS = "packet_error_rate", "packet_error_low", "packet_error_high"
+"""Columns of the share of packets lost."""
 
 
 class Place(NamedTuple):
@@ -38,54 +65,80 @@ class Place(NamedTuple):
     code: str
 
 
-@dataclass(frozen=True)
-class Carried:
-    """What one code carried to one receiver at one point, in one recording or in several.
+class Carried(NamedTuple):
+    """What one code carried to one receiver in one recording.
 
     Args:
-        lost: packets lost, of those sent, by recording: the counts' frames are recordings, its bits packets.
+        lost: packets lost, of those sent: the counts' frames are recordings, its bits packets.
         raw: wrong bits of single frames, likewise by recording.
-        kbit_s: of packets sent.
-        frames: of the camera.
         false: packets whose checksum is right and which nobody sent.
+        frames: of the camera.
+        kbit_s: of packets sent.
     """
 
     lost: Counts
     raw: Counts
-    kbit_s: float
-    frames: int
     false: int
-
-    def __add__(self, other: "Carried") -> "Carried":
-        """Add another recording."""
-        names = "lost", "raw", "frames", "false"
-        sums = {name: getattr(self, name) + getattr(other, name) for name in names}
-        return replace(self, **sums)
-
-    @property
-    def loss(self) -> Estimate:
-        """Share of the packets that were lost, with its 95 % interval; a recording's packets err together."""
-        return ber_interval(self.lost)
-
-    @property
-    def goodput(self) -> Estimate:
-        """What arrives, kbit/s."""
-        loss, full = self.loss, self.kbit_s
-        return Estimate(
-            full * (1 - loss.value), full * (1 - loss.high), full * (1 - loss.low)
-        )
+    frames: int
+    kbit_s: float
 
 
-def counted(errors: int, of: int) -> Counts:
-    """Count the errors of one recording; where there was nothing that could err, nothing is known.
+Results = dict[Place, list[Carried]]
+"""The recordings of each place."""
 
-    Example:
-        >>> (counted(0, 4) + counted(3, 4) + counted(0, 0)).ber
-        0.375
+
+def run_messages(settings: Settings, config: MessagesConfig, folder: Path) -> None:
+    """Measure what arrives, and report it.
+
+    Raises:
+        VoccError: a value outside its range, or whatever a stage refuses.
     """
-    if not of:
-        return Counts()
-    return Counts(1, of, 2 * errors, 4 * errors * errors, int(errors > 0))
+    console = terminal.Console()
+    plan = build_plan(settings)
+    finder, plan = plan.receiver.finder, plan.locating_with("truth")
+    # Refused, as a code that is not installed, before anything is trained.
+    for name in plan.receiver.names:
+        if name in GREYSCALE_RECEIVERS:
+            raise VoccError(
+                f"receiver.names has {name}: it needs preambles, which messages do not send"
+            )
+    for code in config.codes:
+        rate = f"messages.codes has {code}, whose code_rate"
+        with (
+            section("messages.signalling", "transmit"),
+            section("messages.codes", "transmit.code"),
+            section(rate, before="transmit.code_rate"),
+        ):
+            layout = Layout(MessagePlan(plan.world.panel.shape, config.options(code)))
+            payload_bytes(layout.code.info_bytes)
+    with console.status("training"):
+        training = train(plan)
+    run_folder.say(console, *terminal.trained_lines(training))
+    receivers = {}
+    for name in plan.receiver.names:
+        named = replace(plan, receiver=replace(plan.receiver, save=name))
+        receivers[name] = calibrated_receiver(named, training)
+        receivers[name].locator = finder or receivers[name].locator
+    jobs = [
+        (axis, value, number)
+        for axis in AXES
+        for value in getattr(config, axis)
+        for number in range(config.recordings)
+    ]
+    call = partial(recorded, plan, config, receivers)
+    results: Results = defaultdict(list)
+    pool = executors.Workers.of(settings)
+    progress = terminal.ProgressView(len(jobs), console, "recordings")
+    with progress as view, pool, timing.threads(1):
+        for (axis, value, _), found in zip(jobs, pool.map(call, jobs), strict=True):
+            for place, carried in found.items():
+                results[place].append(carried)
+            view.advance(f"{axis} {value_text(value)}", 1)
+    run_folder.write_config(settings, folder)
+    rows = rows_of(results)
+    best = [row for row in rows if row["best"]] or rows[:1]
+    terminal.print_rows(best, HEADS, "the code of most kbit/s of each point")
+    write_report(settings, folder, {"messages": rows}, {"messages": figure_of(rows)})
 
 
 def recorded(
@@ -106,52 +159,62 @@ def recorded(
         job: the quantity that varies, its value, and the number of the recording at that point.
     """
     axis, value, number = job
-    changes = {**plan.experiment.scene, "distance_m": config.at_distance_m}
-    ratio = config.at_ratio
-    if axis == "ratio":
-        ratio = value
-    else:
-        changes[axis] = value
+    varied = {"distance_m": config.at_distance_m, "ratio": config.at_ratio, axis: value}
+    rate_hz = config.signalling.symbol_rate_hz
+    fps = varied.pop("ratio") * rate_hz
+    changes = {**plan.experiment.scene, **varied}
     model = narrowed(plan.world.scene, changes, "messages")
-    shape, rate_hz = plan.world.panel.shape, config.signalling.symbol_rate_hz
-    key = BlockKey(plan.seed, f"messages/{axis}={value:g}", number)
-    base = Layout(MessagePlan(shape, config.options("none")))
-    shown = base.write(
-        key.generator("bits").integers(
-            2, size=(base.packets, base.word_bits), dtype=np.uint8
-        )
+    shape, key = (
+        plan.world.panel.shape,
+        BlockKey(plan.seed, f"messages/{axis}={value:g}", number),
     )
+    base = Layout(MessagePlan(shape, config.options("none")))
+    words = key.generator("bits").integers(2, size=base.places.shape, dtype=np.uint8)
+    shown = base.write(words)
     film = np.tile(shown, (config.blocks, 1, 1))
     fronts = {name: Front(receiver) for name, receiver in receivers.items()}
-    leader = next(iter(fronts.values()))
+    leader, *_ = fronts.values()
     read: dict[str, list[SoftFrames]] = {name: [] for name in fronts}
-    wrong, taken = dict.fromkeys(fronts, 0), 0
-    scene, fps = model.draw(key, shape)[0][:1], ratio * rate_hz
-    take = Take(plan, config.record, scene, film, fps, rate_hz, key)
+    wrong, frames = dict.fromkeys(fronts, 0), 0
+    symbol_s = config.record.symbol_s(rate_hz)
+    parts = record(
+        plan.world.simulator(),
+        model.draw(key, shape)[0][:1],
+        torch.from_numpy(film),
+        symbol_s,
+        shutter_of(config.record, fps, symbol_s, key),
+        key,
+        speed_m_s=config.record.speed_m_s,
+        window=config.record.margin,
+        batch=plan.batch_frames,
+    )
     with suppress(NoFrameLeftError):  # all its packets are lost
-        for part in take.parts(config.record.margin):
-            stamps = [(taken + i) / fps for i in range(len(part.symbols))]
-            taken += len(stamps)
-            symbols = [number or 0 for number in part.symbols]
+        for part in parts:
+            stamps = [(frames + i) / fps for i in range(len(part.symbols))]
+            frames += len(stamps)
+            symbols = [symbol or 0 for symbol in part.symbols]
             truth = film[np.clip(symbols, 0, len(film) - 1)]
             with torch.inference_mode():
-                frames, corners = leader.locate([*part.frames.grey[:, 0].cpu().numpy()])
+                located = leader.locate([*part.frames.grey[:, 0].cpu().numpy()])
                 for name, front in fronts.items():
-                    values = front.values(*front.read(frames, corners))
+                    values = front.read(*located)
                     wrong[name] += int(((values >= 0) != truth).sum())
                     read[name].append((values, stamps))
-    blocks = {name: [*blocks_of(base, parts)] for name, parts in read.items()}
+    blocks = {name: [*blocks_of(base, values)] for name, values in read.items()}
     results = {}
-    for receiver, code in product(read, config.codes):
+    for name, code in product(read, config.codes):
         layout = Layout(MessagePlan(shape, config.options(code)))
-        sent, info_bytes = config.blocks * layout.packets, layout.code.info_bytes
-        arrived, false = packets_of(blocks[receiver], layout, shown, key)
-        results[Place(axis, value, receiver, code)] = Carried(
+        sent, payload = (
+            config.blocks * layout.packets,
+            payload_bytes(layout.code.info_bytes),
+        )
+        arrived, false = packets_of(blocks[name], layout, shown, key)
+        results[Place(axis, value, name, code)] = Carried(
             counted(max(0, sent - arrived), sent),
-            counted(wrong[receiver], taken * shape.leds),
-            8e-3 * payload_bytes(info_bytes) * sent / (len(film) / rate_hz),
-            taken,
+            counted(wrong[name], frames * shape.leds),
             false,
+            frames,
+            8e-3 * payload * sent / (len(film) / rate_hz),
         )
     return results
 
@@ -173,3 +236,74 @@ def packets_of(
                 else:
                     false += 1
     return len(arrived), false
+
+
+def counted(errors: int, of: int) -> Counts:
+    """Count the errors of one recording; where there was nothing that could err, nothing is known.
+
+    Example:
+        >>> (counted(0, 4) + counted(3, 4) + counted(0, 0)).ber
+        0.375
+    """
+    if not of:
+        return Counts()
+    return Counts(1, of, 2 * errors, 4 * errors * errors, int(errors > 0))
+
+
+def rows_of(results: Results) -> list[terminal.TableRow]:
+    """Give the rows of ``messages.csv``; a recording's packets err together."""
+    rows = []
+    for place, recordings in results.items():
+        raw = sum((part.raw for part in recordings), Counts())
+        lost = sum((part.lost for part in recordings), Counts())
+        loss, full = ber_interval(lost), recordings[0].kbit_s
+        goodputs = (full * (1 - share) for share in (loss.value, loss.high, loss.low))
+        row: terminal.TableRow = {
+            **place._asdict(),
+            "recordings": lost.frames,
+            "packets": lost.bits,
+            "lost": lost.bit_errors,
+            **dict(zip(LOSS, astuple(loss), strict=True)),
+            "false_packets": sum(part.false for part in recordings),
+            "raw_ber": ber_interval(raw) if raw.bits else terminal.BLANK,
+            "kbit_s": Estimate(*goodputs),
+            "best": 0,
+            "frames": sum(part.frames for part in recordings),
+        }
+        rows.append(row)
+    for row in rows:
+        others = (other for other in rows if point_of(other) == point_of(row))
+        most = max(other["kbit_s"].value for other in others)
+        row["best"] = int(row["kbit_s"].value == most > 0)
+    return rows
+
+
+def point_of(row: terminal.TableRow) -> tuple[object, ...]:
+    """Name the point of a row, whose codes are compared."""
+    return row["axis"], row["value"], row["receiver"]
+
+
+def figure_of(rows: Sequence[terminal.TableRow]) -> plots.Figure:
+    """Draw the share of packets lost: a panel for each receiver and axis, a curve for each code."""
+    styles = receiver_styles(row["code"] for row in rows)
+    drawn = []
+    for lines in dict.fromkeys((row["receiver"], row["axis"]) for row in rows):
+        curves = []
+        for code, style in styles.items():
+            line = {
+                row["value"]: Estimate(*map(row.__getitem__, LOSS))
+                for row in rows
+                if (row["receiver"], row["axis"], row["code"]) == (*lines, code)
+            }
+            curves.append(plots.Curve(style, [*line], [*line.values()]))
+        receiver, axis = lines
+        label = axis_label(axis)
+        drawn.append(
+            plots.Panel(curves, receiver, label, "Packets lost", y_scale="linear")
+        )
+    return plots.curve_figure(
+        drawn,
+        "Packets lost",
+        f"{rows[0]['recordings']} recordings a point, {rows[0]['packets']} packets; "
+        "bars: 95 % intervals over recordings",
+    )

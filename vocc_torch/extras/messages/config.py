@@ -69,6 +69,10 @@ class RecordConfig:
         """Check every range."""
         demand_ranges("record", self)
 
+    def symbol_s(self, rate_hz: float) -> float:
+        """Give how long a symbol shows at the rate of the panel's own clock."""
+        return (1 + self.drift) / rate_hz
+
 
 @dataclass
 class ReceiveConfig:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from vocc_torch.arrays import Bytes, Singles
 from vocc_torch.receiver.calibration import APPEARANCE
-from vocc_torch.receiver.receiver import Decoded, Receiver
+from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.receiver.tracker import Tracker
 from vocc_torch.types import Frames, Panels
@@ -74,7 +74,7 @@ class Front:
     def __call__(self, greys: Sequence[Bytes]) -> Singles:
         """Read B frames (H,W) of one size: log-likelihood ratios (B,R,C), zeros where no panel shows."""
         with torch.inference_mode():
-            return self.values(*self.read(*self.locate(greys)))
+            return self.read(*self.locate(greys))
 
     @property
     def led_pitch_px(self) -> float | None:
@@ -84,30 +84,25 @@ class Front:
         sizes = cell_size_px(self.corners_px[None], self.receiver.shape)
         return float(torch.cat(sizes).amin())
 
-    def read(self, frames: Frames, corners: Tensor) -> tuple[Decoded, Tensor]:
-        """Read frames at corners (B,4,2), and say which of them show a panel, (B,)."""
-        known = Panels.known(torch.nan_to_num(corners))
-        located = ~corners.isnan().any(dim=2).any(dim=1)
-        known.found.copy_(located)
+    def read(self, frames: Frames, corners: Tensor) -> Singles:
+        """Read soft values (B,R,C) of frames at corners (B,4,2), zeros where no panel shows."""
+        known = Panels.known(corners.nan_to_num())
+        shows = ~corners.isnan().flatten(1).any(dim=1)
+        known.found.copy_(shows)
         decoded = self.receiver.forward(frames, known)
         contrast = decoded.appearance[:, APPEARANCE.index("contrast")]
-        located &= contrast >= SETTINGS.faded_share * self._contrast
-        if bool(located.any()):
-            self._contrast = 0.5 * self._contrast + 0.5 * float(
-                contrast[located].median()
-            )
-            self._size = self._size or float(decoded.scores[located].abs().median())
-        return decoded, located
-
-    def values(self, decoded: Decoded, located: Tensor) -> Singles:
-        """Give soft values (B,R,C) of frames that were read, zeros where no panel shows."""
+        shows &= contrast >= SETTINGS.faded_share * self._contrast
+        if bool(shows.any()):
+            usual = float(contrast[shows].median())
+            self._contrast = 0.5 * self._contrast + 0.5 * usual
+            self._size = self._size or float(decoded.scores[shows].abs().median())
         if self.soft == "hard":
             llr = torch.where(decoded.bits, SETTINGS.typical, -SETTINGS.typical)
         elif self.soft == "scores" or self.receiver.calibration is None:
             llr = decoded.scores * (SETTINGS.typical / (self._size or 1.0))
         else:
             llr = decoded.llr
-        return (llr * located.view(-1, 1, 1)).float().cpu().numpy()
+        return (llr * shows.view(-1, 1, 1)).float().cpu().numpy()
 
     def locate(self, greys: Sequence[Bytes]) -> tuple[Frames, Tensor]:
         """Give frames cropped to where the panel is, and its corners (B,4,2); no numbers where unknown."""
@@ -120,14 +115,11 @@ class Front:
         known = corners.nan_to_num().flatten(0, 1)
         low, high = known.amin(dim=0), known.amax(dim=0)
         room = SETTINGS.around * (high - low).max() + SETTINGS.least_around_px
-        begin, (right, bottom) = (low - room).clamp(min=0).int(), (high + room).tolist()
-        left, top = begin.tolist()
-        planes = [grey[top : int(bottom), left : int(right)] for grey in greys]
-        frames = Frames(
-            torch.from_numpy(np.stack(planes))[:, None],
-            begin.expand(len(greys), 2),
-            greys[0].shape,
-        )
+        begin = (low - room).clamp(min=0).long()
+        (left, top), (right, bottom) = begin.tolist(), (high + room).long().tolist()
+        planes = np.stack([grey[top:bottom, left:right] for grey in greys])[:, None]
+        origin = begin.expand(len(greys), 2)
+        frames = Frames(torch.from_numpy(planes), origin, greys[0].shape)
         return frames.to(self.receiver.device), corners.to(self.receiver.device)
 
     def _place(self, grey: Bytes) -> Tensor:

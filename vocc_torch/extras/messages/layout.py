@@ -1,6 +1,7 @@
 """Which cell of which symbol is known to the receiver, and which carries which bit of which packet."""
 
 import hashlib
+import math
 from copy import copy
 from functools import cached_property
 from typing import Self
@@ -97,11 +98,9 @@ class Layout:
                 kind[tuple(free[(3 * number + 2) * len(free) // 7 % len(free)])] = name
         self.kind = kind
         self.data = np.flatnonzero(kind == "data")
-        capacity = self.symbols * len(self.data)
-        self.unit = 8 if options.code == "rs" else 1
-        groups = capacity // self.unit
+        capacity = self.symbols * len(self.data)  # a multiple of 8, as the symbols are
         self.packets = max(1, -(-(capacity // 8) // LONGEST_WORD))
-        self.word_bits = groups * self.unit // self.packets // 8 * 8
+        self.word_bits = capacity // self.packets // 8 * 8
 
     @cached_property
     def code(self) -> Code:
@@ -127,41 +126,37 @@ class Layout:
 
     @cached_property
     def places(self) -> Integers:
-        """Where the bits of the block's words stand, (packets, word_bits), in (P, data cells) flattened."""
-        cells = len(self.data)
-        order = np.arange(self.symbols * cells).reshape(self.symbols, cells)
+        """Where the bits of the block's words stand, (packets, word_bits), in (P,R,C) flattened."""
+        unit = 8 if self.plan.signalling.code == "rs" else 1
+        cells = np.arange(self.symbols)[:, None] * self.kind.size + self.data
         groups = (
-            order.reshape(-1, self.unit, cells)
-            .transpose(0, 2, 1)
-            .reshape(-1, self.unit)
+            cells.reshape(-1, unit, len(self.data)).swapaxes(1, 2).reshape(-1, unit)
         )
         if self.plan.signalling.interleave:
-            groups = groups[
-                np.argsort(
-                    stream("interleave", 8 * len(groups)).view("<u8"), kind="stable"
-                )
-            ]
-        used = self.packets * self.word_bits // self.unit
-        return groups[:used].reshape(self.packets, self.word_bits)
+            keys = stream("interleave", 8 * len(groups)).view("<u8")
+            groups = groups[np.argsort(keys, kind="stable")]
+        size = self.packets, self.word_bits
+        return groups.ravel()[: math.prod(size)].reshape(size)
 
     @cached_property
-    def _stream(self) -> Bytes:
-        """A random bit for each place, (P data cells,)."""
-        count = self.symbols * len(self.data)
-        return np.unpackbits(stream("scramble", -(-count // 8)))[:count]
+    def _blank(self) -> Bools:
+        """A block without words, (P,R,C): known cells, and random ones that sender and receiver know."""
+        film = self.known > 0
+        cells = film.reshape(self.symbols, -1)
+        random = np.unpackbits(stream("scramble", self.symbols * len(self.data) // 8))
+        cells[:, self.data] = random.reshape(self.symbols, -1)
+        return film
 
     @cached_property
-    def _mask(self) -> Bytes:
+    def _mask(self) -> Numbers:
         """The bits by which words are scrambled, (packets, word_bits)."""
-        return self._stream[self.places] * self.plan.signalling.scramble
+        return self.take(self._blank) * self.plan.signalling.scramble
 
     def write(self, words: Bytes) -> Bools:
         """Write a block's code words (packets, word_bits) on its symbols, (P,R,C); other cells are random."""
-        carried = self._stream.copy()
-        carried[self.places] = words ^ self._mask
-        film = self.known.reshape(self.symbols, -1) > 0
-        film[:, self.data] = carried.reshape(self.symbols, -1)
-        return film.reshape(self.known.shape)
+        film = self._blank.copy()
+        film.ravel()[self.places] = words ^ self._mask
+        return film
 
     def rescrambled(self, words: Bytes, shown: Bools) -> Self:
         """Give the layout with the scrambling by which a block that shows ``shown`` (P,R,C) has ``words``.
@@ -179,4 +174,4 @@ class Layout:
 
     def take(self, cells: Numbers) -> Numbers:
         """Take what belongs to the words' bits (packets, word_bits) from a block's cells, (P,R,C)."""
-        return cells.reshape(self.symbols, -1)[:, self.data].reshape(-1)[self.places]
+        return cells.reshape(-1)[self.places]

@@ -1,15 +1,13 @@
-"""Packets: which part of which message, and a checksum; and a message put together from them."""
+"""Packets: which part of which message, and a checksum; and messages put together from them."""
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 
 from vocc_torch.errors import VoccError
-
-Name = tuple[int, int]
-"""Length in bytes and CRC-32 of a message, by which its packets know it."""
 
 HEADER = struct.Struct(">III")
 """Sequence number, bytes of the whole message, CRC-32 of the whole message."""
@@ -19,18 +17,19 @@ OVERHEAD_BYTES = HEADER.size + CHECK_BYTES
 MOST_BYTES = 1 << 31
 
 
-@dataclass(frozen=True, slots=True)
-class Packet:
+class Packet(NamedTuple):
     """One part of a message.
 
     Args:
         sequence: its number, from 0.
-        message: length in bytes and CRC-32 of the message that it belongs to.
+        length: bytes of the whole message.
+        crc: CRC-32 of the whole message.
         payload: its bytes.
     """
 
     sequence: int
-    message: Name
+    length: int
+    crc: int
     payload: bytes
 
 
@@ -48,6 +47,11 @@ def payload_bytes(info_bytes: int) -> int:
     return info_bytes - OVERHEAD_BYTES
 
 
+def with_checksum(body: bytes) -> bytes:
+    """Append the CRC-32 of bytes."""
+    return body + zlib.crc32(body).to_bytes(CHECK_BYTES, "big")
+
+
 def packed(message: bytes, info_bytes: int) -> Iterator[bytes]:
     """Cut a message into packets of ``info_bytes`` each, the last one filled up with zeros.
 
@@ -62,11 +66,10 @@ def packed(message: bytes, info_bytes: int) -> Iterator[bytes]:
     """
     if not 0 < len(message) <= MOST_BYTES:
         raise VoccError.of("input", f"of {len(message)} bytes", f"of 1 to {MOST_BYTES}")
-    size = payload_bytes(info_bytes)
+    size, crc = payload_bytes(info_bytes), zlib.crc32(message)
     for sequence, begin in enumerate(range(0, len(message), size)):
-        head = HEADER.pack(sequence, len(message), zlib.crc32(message))
-        body = head + message[begin : begin + size].ljust(size, b"\0")
-        yield body + zlib.crc32(body).to_bytes(CHECK_BYTES, "big")
+        payload = message[begin : begin + size].ljust(size, b"\0")
+        yield with_checksum(HEADER.pack(sequence, len(message), crc) + payload)
 
 
 def unpacked(info: bytes) -> Packet | None:
@@ -76,15 +79,15 @@ def unpacked(info: bytes) -> Packet | None:
         >>> unpacked(bytes(20)) is None
         True
     """
-    body, check = info[:-CHECK_BYTES], info[-CHECK_BYTES:]
-    if zlib.crc32(body).to_bytes(CHECK_BYTES, "big") != check:
+    body = info[:-CHECK_BYTES]
+    if with_checksum(body) != info:
         return None
-    sequence, length, crc = HEADER.unpack(body[: HEADER.size])
+    sequence, length, crc = HEADER.unpack_from(body)
     payload = body[HEADER.size :]
     used = min(len(payload), length - sequence * len(payload))
     if used <= 0 or length > MOST_BYTES or any(payload[used:]):
         return None
-    return Packet(sequence, (length, crc), payload[:used])
+    return Packet(sequence, length, crc, payload[:used])
 
 
 @dataclass
@@ -96,12 +99,14 @@ class Message:
         crc: CRC-32 of the whole message, likewise.
         payload: bytes of a packet.
         parts: payloads by sequence number.
+        contradictions: packets whose payload differs from the first of the same number.
     """
 
     length: int
     crc: int
     payload: int
     parts: dict[int, bytes] = field(default_factory=dict)
+    contradictions: int = 0
 
     @property
     def packets(self) -> int:
@@ -130,34 +135,22 @@ class Message:
         return len(self.parts) == self.packets and zlib.crc32(self.content) == self.crc
 
 
-@dataclass
-class Assembly:
-    """Sorts packets by message.
+def messages_of(packets: Iterable[Packet], payload: int) -> list[Message]:
+    """Sort packets by message: complete ones first, then by how many packets of them arrived.
 
-    The first payload of a packet stays: a packet whose checksum is right may still contradict another one.
+    The first payload of a number stays: a packet whose checksum is right may still contradict another one.
 
     Args:
+        packets: as they arrived.
         payload: bytes of a message in a packet.
-        by_message: the messages, by length and checksum.
-        contradictions: packets whose payload differs from the first of the same message and number.
     """
-
-    payload: int
-    by_message: dict[Name, Message] = field(default_factory=dict)
-    contradictions: int = 0
-
-    def add(self, packet: Packet) -> None:
-        """Take a packet in."""
-        message = self.by_message.setdefault(
-            packet.message, Message(*packet.message, self.payload)
-        )
+    messages: dict[tuple[int, int], Message] = {}
+    for packet in packets:
+        name = packet.length, packet.crc
+        message = messages.setdefault(name, Message(*name, payload))
         first = message.parts.setdefault(packet.sequence, packet.payload)
-        self.contradictions += first != packet.payload
-
-    @property
-    def messages(self) -> list[Message]:
-        """The messages: complete ones first, then by how many packets of them arrived."""
-        return sorted(
-            self.by_message.values(),
-            key=lambda message: (not message.complete, -len(message.parts)),
-        )
+        message.contradictions += first != packet.payload
+    return sorted(
+        messages.values(),
+        key=lambda message: (not message.complete, -len(message.parts)),
+    )

@@ -1,10 +1,9 @@
 """``task=receive``: a recording in, the message out, or the parts of it that a checksum vouches for."""
 
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from itertools import count
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vocc_torch.errors import VoccError
@@ -12,7 +11,7 @@ from vocc_torch.extras.messages.clock import SoftFrames
 from vocc_torch.extras.messages.config import PLAN, ReceiveConfig
 from vocc_torch.extras.messages.front import Front
 from vocc_torch.extras.messages.layout import Layout
-from vocc_torch.extras.messages.packets import Assembly, payload_bytes
+from vocc_torch.extras.messages.packets import Message, messages_of, payload_bytes
 from vocc_torch.extras.messages.reception import COLUMNS, received
 from vocc_torch.extras.messages.record_task import with_panel_of
 from vocc_torch.extras.messages.signalling import MessagePlan
@@ -55,22 +54,15 @@ MISSING_COLUMNS = (
 
 
 def soft_values(
-    front: Front,
-    recording: Iterable[RecordedFrame],
-    fps: float | None,
-    ends_s: list[float],
-    failures: list[str],
+    front: Front, recording: Iterable[RecordedFrame], failures: list[str]
 ) -> Iterator[SoftFrames]:
     """Read a recording, batch by batch; an interruption ends it.
 
     Args:
         front: follows the panel.
         recording: the frames.
-        fps: frames a second, or None for the recording's own times.
-        ends_s: takes when the first and the last frame were taken, where that is known.
         failures: takes the interruption.
     """
-    number = count()
     parts = batches(recording, SETTINGS.batch_frames, SETTINGS.batch_pixels)
     try:
         # The next frames are decoded while these are read.
@@ -78,13 +70,8 @@ def soft_values(
             coming = beside.submit(next, parts, None)
             while batch := coming.result():
                 coming = beside.submit(next, parts, None)
-                if fps is None:
-                    times_s = [frame.time_s for frame in batch]
-                else:
-                    times_s = [next(number) / fps for _ in batch]
-                ends_s += [time_s for time_s in times_s if time_s is not None]
-                del ends_s[1:-1]
-                yield front([frame.grey for frame in batch]), times_s
+                values = front([frame.grey for frame in batch])
+                yield values, [frame.time_s for frame in batch]
     except KeyboardInterrupt:  # what arrived until then is written
         failures.append(f"interrupted after {front.frames} frames")
 
@@ -102,7 +89,7 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     beside = (source if source.is_dir() else source.parent) / PLAN
     plan = MessagePlan.read(beside if config.plan is None else Path(config.plan))
     layout = Layout(plan)
-    assembly = Assembly(payload_bytes(layout.code.info_bytes))
+    payload = payload_bytes(layout.code.info_bytes)
     failures, ends_s = list[str](), list[float]()
     recording = readable(
         read_recording(source, config.channel, grey_only=True), failures
@@ -111,16 +98,22 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     # The panel is followed, so its corners are surer than those of single frames.
     receiver = receiver_of(settings, build_plan(settings), at_truth=True)
     front = Front(receiver, config.locate_every, config.soft, config.follow)
+
+    def timed() -> Iterator[RecordedFrame]:
+        for number, frame in enumerate(view.counted(recording, "receiving")):
+            if config.fps is not None:
+                frame = replace(frame, time_s=number / config.fps)
+            if frame.time_s is not None:
+                ends_s[1:] = [frame.time_s]
+            yield frame
+
     # The other cores decode: torch's threads would spin there.
     with timing.threads(1), ProgressView(expected_frames(source), console) as view:
-        frames = view.counted(recording, "receiving")
-        values = soft_values(front, frames, config.fps, ends_s, failures)
-        packets = [*received(layout, values)]
+        packets = [*received(layout, soft_values(front, timed(), failures))]
     rows = [COLUMNS, *(packet.row for packet in packets)]
     run_folder.write_rows(folder / "report.csv", rows)
     arrived = [packet.packet for packet in packets if packet.packet is not None]
-    for packet in arrived:
-        assembly.add(packet)
+    messages = messages_of(arrived, payload)
     write_receiver(settings, receiver, folder)
     # The packets that a recording has time for; without time stamps those of the received blocks.
     blocks = len({packet.block for packet in packets})
@@ -135,7 +128,7 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
     if front.follows:
         summary += "; it was followed" + ", for it moves" * front.auto
     run_folder.say(console, summary)
-    places = [("packets", "report.csv"), *write_messages(assembly, folder)]
+    places = [("packets", "report.csv"), *write_messages(messages, folder)]
     for content, name in places:
         if content == "message":
             size = (folder / name).stat().st_size
@@ -143,16 +136,16 @@ def run_receive(settings: Settings, config: ReceiveConfig, folder: Path) -> None
             run_folder.say(console, words)
     places += [("receiver", "receiver.pt")] * (settings.model is None)
     run_folder.print_places(console, folder, places)
-    for doubt in doubts(assembly):
+    for doubt in doubts(messages):
         warnings.warn(f"input {source}: {doubt}", stacklevel=2)
-    if not any(message.complete for message in assembly.messages):
-        why = lost(assembly, sent, front.led_pitch_px)
+    if not any(message.complete for message in messages):
+        why = lost(messages, sent, front.led_pitch_px)
         failures.insert(0, f"input {source}: {why}")
     if failures:
         raise VoccError("; ".join(failures))
 
 
-def write_messages(assembly: Assembly, folder: Path) -> list[tuple[str, str]]:
+def write_messages(messages: Sequence[Message], folder: Path) -> list[tuple[str, str]]:
     """Write each complete message, and where there is none the parts of the others.
 
     ``missing.csv`` has a row for each run of packets that did not arrive. Missing parts are left out of
@@ -161,54 +154,49 @@ def write_messages(assembly: Assembly, folder: Path) -> list[tuple[str, str]]:
     Returns:
         What was written and the name of its file.
     """
-    complete = [message for message in assembly.messages if message.complete]
+    complete = [message for message in messages if message.complete]
+    kind, ending = ("message", "bin") if complete else ("part", "partial")
     places, gaps = [], list[run_folder.Cells]()
-    for n, message in enumerate(complete or assembly.messages[: SETTINGS.most_parts]):
-        kind, ending = ("message", "bin") if complete else ("part", "partial")
-        number = f"_{n + 1}" if n else ""
-        places.append((kind, f"message{number}.{ending}"))
-        write_atomically(folder / places[-1][1], message.content)
+    for number, message in enumerate(complete or messages[: SETTINGS.most_parts], 1):
+        name = "message" if number == 1 else f"message_{number}"
+        places.append((kind, f"{name}.{ending}"))
+        write_atomically(folder / f"{name}.{ending}", message.content)
         for first, last in message.gaps:
             end = min(message.length, (last + 1) * message.payload)
-            gaps.append((n + 1, first, last, first * message.payload, end))
+            gaps.append((number, first, last, first * message.payload, end))
     if not complete:
         run_folder.write_rows(folder / "missing.csv", [MISSING_COLUMNS, *gaps])
         places.append(("missing", "missing.csv"))
     return places
 
 
-def doubts(assembly: Assembly) -> Iterator[str]:
+def doubts(messages: Sequence[Message]) -> Iterator[str]:
     """Say where packets contradict each other, or belong to messages that are not written."""
-    if assembly.contradictions:
+    if contradictions := sum(message.contradictions for message in messages):
         yield (
-            f"{assembly.contradictions} packets contradict "
+            f"{contradictions} packets contradict "
             "the first packet of the same message and number: they are ignored"
         )
-    parts = [
-        len(message.parts) for message in assembly.messages if not message.complete
-    ]
-    if 0 < len(parts) < len(assembly.messages):
+    parts = [len(message.parts) for message in messages if not message.complete]
+    if 0 < len(parts) < len(messages):
         yield (
             f"{sum(parts)} packets of {len(parts)} other, incomplete messages are not written"
         )
 
 
-def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
+def lost(messages: Sequence[Message], sent: int, led_pitch_px: float | None) -> str:
     """Say in words why there is no message, and which packets are missing.
 
     Args:
-        assembly: the packets.
+        messages: what arrived of them, none of them whole.
         sent: packets that the recording has time for.
         led_pitch_px: between neighbouring LEDs, px, or None where no panel was found.
 
     Example:
-        >>> from vocc_torch.extras.messages.packets import Message
-        >>> some = Assembly(2)
-        >>> some.by_message[14, 0] = Message(14, 0, 2, {0: b"12", 3: b"12", 4: b"12"})
-        >>> lost(some, 7, None)
+        >>> lost([Message(14, 0, 2, {0: b"12", 3: b"12", 4: b"12"})], 7, None)
         'of 7 packets of the message 4 are missing: missing.csv names them, message.partial has the others'
     """
-    if not assembly.messages:
+    if not messages:
         if led_pitch_px is not None and led_pitch_px < SETTINGS.least_led_pitch_px:
             return (
                 f"none of {sent} packets arrived: "
@@ -216,7 +204,7 @@ def lost(assembly: Assembly, sent: int, led_pitch_px: float | None) -> str:
                 "come nearer or take a longer lens"
             )
         return f"none of {sent} packets arrived, so there is no message; report.csv says why"
-    message = assembly.messages[0]
+    message = messages[0]
     if not message.gaps:
         return "all packets arrived, but the message's own checksum does not fit: message.partial has them"
     missing = message.packets - len(message.parts)
