@@ -19,8 +19,7 @@ from vocc_torch import (
 )
 from vocc_torch.arrays import read_bits
 from vocc_torch.extras.calibrate import CalibrateConfig
-from vocc_torch.extras.calibrate.fit import BASE, settled
-from vocc_torch.extras.calibrate.leds import decided, start
+from vocc_torch.extras.calibrate.fit import BASE, decided, settled, start
 from vocc_torch.extras.calibrate.model import LEVELS, PLACED, TURNED, RecordingFit
 from vocc_torch.extras.calibrate.noise import Noise, expected
 from vocc_torch.extras.calibrate.reading import Footage, read_footage

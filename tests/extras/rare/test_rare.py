@@ -11,6 +11,7 @@ from scipy import stats
 from vocc_torch.extras.rare import learning, pilot
 from vocc_torch.extras.rare.scenes import EDGES, WIDTHS, Component, TiltedScenes
 from vocc_torch.extras.rare.weights import WeightedCounts, weighted_interval
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.intervals import (
     ber_interval,
@@ -116,9 +117,8 @@ def test_the_mean_of_weighted_errors_is_the_known_rate():
             [placed[name] >= 31 / 32 for name in names]
         )
         weights = scenes.weights(placed, bits)
-        total += WeightedCounts.weigh(
-            2 * wrong, np.ones(64, bool), 64, weights, scenes.nominal
-        )
+        counts = Counts(64, 64 * 64, frame_errors=np.count_nonzero(wrong))
+        total += WeightedCounts.weigh(counts, 2 * wrong, weights, scenes.nominal)
     truth = 36 / 64 / 32 / 32**2
     assert total.ber == pytest.approx(truth, rel=0.15)
     assert weighted_interval(total).low < truth < weighted_interval(total).high

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from vocc_torch.extras.rare.weights import UNEVEN, WeightedCounts, weighted_interval
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.intervals import ber_interval
 
 BITS = 4
@@ -48,7 +49,8 @@ def weighed(halves, weights, frames, nominal=16):
     """Counts of so many frames, of which those given are wrong."""
     halves = np.array([*halves, *[0] * (frames - len(halves))])
     weights = np.array([*weights, *np.ones(frames - len(weights))])
-    return WeightedCounts.weigh(halves, halves < 8, BITS, weights, nominal)
+    counts = Counts(frames, frames * BITS, frame_errors=np.count_nonzero(halves))
+    return WeightedCounts.weigh(counts, halves, weights, nominal)
 
 
 @pytest.mark.parametrize("law", LAWS)

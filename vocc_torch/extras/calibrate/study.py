@@ -14,10 +14,12 @@ from vocc_torch.extras.calibrate.fit import (
     BASE,
     POSED,
     RANGES,
+    decided,
+    mirrored,
     settled,
+    start,
 )
-from vocc_torch.extras.calibrate.leds import SETTINGS as LEDS
-from vocc_torch.extras.calibrate.leds import decided, mirrored, start
+from vocc_torch.extras.calibrate.fit import SETTINGS as FIT
 from vocc_torch.extras.calibrate.model import TURNED, RecordingFit
 from vocc_torch.extras.calibrate.reading import Footage
 from vocc_torch.extras.calibrate.scene import WORDS, Findings
@@ -118,7 +120,7 @@ def calibrate(
     pairs = outside[:, 1:] & outside[:, :-1]
     apart_dn = np.diff(used.greys.astype(np.float64), axis=2)[:, pairs]
     quiet = pairs.any() and (apart_dn**2).mean() / 2 < SETTINGS.undithered
-    rounds = LEDS.rounds if bits is None else 0
+    rounds = FIT.rounds if bits is None else 0
     fit, apart = placed(begun, found, rounds)
     # Frames that are fitted about as well as the better ones: others' corners are wrong.
     misfit = ((fit.grey - fit.predicted()[0]) ** 2).mean((1, 2))

@@ -84,8 +84,8 @@ def background(shape: tuple[int, ...], corners_px: Floats, cells: int) -> Bools:
     """
     size = float(np.ptp(corners_px, axis=1).max())
     margin = SETTINGS.margin_cells * size / cells + SETTINGS.margin_px
-    low, high = corners_px.min((0, 1)) - margin, corners_px.max((0, 1)) + margin
-    left, top, right, bottom = np.rint([*low, *high]).clip(min=0).astype(int)
+    ends = corners_px.min((0, 1)) - margin, corners_px.max((0, 1)) + margin
+    (left, top), (right, bottom) = np.rint(ends).clip(min=0).astype(int)
     outside = np.ones(shape, dtype=bool)
     outside[top:bottom, left:right] = False
     return outside

@@ -77,7 +77,7 @@ class ReedSolomon(Code):
 
     def decode(self, llr: Singles) -> list[bytes | None]:
         """Decode words one by one."""
-        return [self._decoded(word) for word in llr]
+        return list(map(self._decoded, llr))
 
     def _decoded(self, word: Singles) -> bytes | None:
         """Decode one word, with the more erasures the worse it is."""

@@ -64,59 +64,48 @@ def learned(
     scenes: TiltedScenes, looks: Sequence[PilotFrames], shape: PanelShape
 ) -> list[Component]:
     """Fit the next proposal to the samples of the last one; for failed locations, to the samples of all."""
-    (nominal, dark), last_look = scenes.components[:2], looks[-1]
+    (nominal, dark), observed = scenes.components[:2], looks[-1]
     components = [nominal, relearned(dark, joined(looks))]
-    of_each = zip(last_look.margins.swapaxes(0, 1), last_look.failed.T, strict=True)
-    weak = [
-        weakness
-        for margins, failed in of_each
-        for weakness in weakest(margins, failed, last_look)
-    ]
     frames_left = BLOCK_FRAMES - sum(component.frames for component in components)
-    weak = sorted(weak, key=lambda weakness: -len(weakness[0]))[:frames_left]
-    for number, (leds, weights) in enumerate(weak):
+    weak = [*weakest(observed)]
+    weak = sorted(weak, key=len, reverse=True)[:frames_left]
+    for number, leds in enumerate(weak):
         frames = frames_left // len(weak) + (number < frames_left % len(weak))
-        components.append(of_leds(shape, frames, leds, weights, last_look))
+        components.append(of_leds(shape, frames, leds, observed))
     return components
 
 
-def weakest(
-    margins: Floats, failed: Bools, observed: PilotFrames
-) -> Iterator[tuple[Integers, Floats]]:
-    """Return the weakest Off and On LEDs of a receiver, and their weights.
+def weakest(observed: PilotFrames) -> Iterator[Integers]:
+    """Give the weakest Off and the weakest On LEDs of each receiver: frame, row and column of each, (n,3).
 
     Frames in which the panel was not found where it is tell nothing of LEDs, and are left out. So is one of
-    the two whose wrong LEDs have less than a fiftieth of the weight of all that are wrong. Where few LEDs
-    have most of the weight, a root of the weights takes their place, which tells of more of them.
-
-    Returns:
-        Frame, row and column of each, (n,3), and the weights (n,).
+    the two whose wrong LEDs have less than a fiftieth of the weight of all that are wrong.
     """
-    found = ~failed[:, None, None]
-    wrong = ((margins < 0) | ((margins == 0) & ~observed.bits)) & found
-    groups = [found & (observed.bits == lit) for lit in (False, True)]
-    shares = [observed.weights @ (wrong & of).sum(axis=(1, 2)) for of in groups]
-    for of, share in zip(groups, shares, strict=True):
-        if share < 0.02 * sum(shares):
-            continue
-        values = np.where(of, margins - wrong, np.inf)
-        count = max(SETTINGS.weakest_leds, int(np.sum(wrong & of)))
-        order = np.argsort(values, axis=None, kind="stable")[:count]
-        order = order[np.isfinite(values.ravel()[order])]
-        if len(order):
-            places = np.stack(np.unravel_index(order, values.shape), axis=1)
-            yield places, evened(observed.weights[places[:, 0]])
+    bits = observed.bits
+    for margins, failed in zip(
+        observed.margins.swapaxes(0, 1), observed.failed.T, strict=True
+    ):
+        found = ~failed[:, None, None]
+        wrong = ((margins < 0) | ((margins == 0) & ~bits)) & found
+        groups = [found & (bits == lit) for lit in (False, True)]
+        shares = [observed.weights @ (wrong & of).sum(axis=(1, 2)) for of in groups]
+        for of, share in zip(groups, shares, strict=True):
+            if share < 0.02 * sum(shares):
+                continue
+            values = np.where(of, margins - wrong, np.inf)
+            count = max(SETTINGS.weakest_leds, int(np.sum(wrong & of)))
+            order = np.argsort(values, axis=None, kind="stable")[:count]
+            order = order[np.isfinite(values.ravel()[order])]
+            if len(order):
+                yield np.stack(np.unravel_index(order, values.shape), axis=1)
 
 
 def of_leds(
-    shape: PanelShape,
-    frames: int,
-    leds: Integers,
-    weights: Floats,
-    observed: PilotFrames,
+    shape: PanelShape, frames: int, leds: Integers, observed: PilotFrames
 ) -> Component:
     """Make a component of weak LEDs: their neighbourhoods, where they lie, and their scenes."""
     (frame, row, column), side = leds.T, 2 * REACH + 1
+    weights = evened(observed.weights[frame])
     bits = observed.bits.astype(np.float64)
     wide = np.pad(
         bits, ((0, 0), (REACH, REACH), (REACH, REACH)), constant_values=np.nan
@@ -201,20 +190,16 @@ def turned(maps: Numbers) -> list[Numbers]:
 def evened(weights: Floats) -> Floats:
     """Return a root of the weights if a few of them are most of the sum, so that more samples count."""
     enough = min(SETTINGS.least_effective_leds, 0.99 * len(weights))
-    return next(
-        weights
-        for weights in (weights**power for power in (1.0, 0.75, 0.5, 0.25, 0.0))
-        if effective(weights) >= enough
-    )
+    roots = (weights**power for power in (1.0, 0.75, 0.5, 0.25, 0.0))
+    return next(root for root in roots if effective(root) >= enough)
 
 
 def tilts(observed: PilotFrames, frame: Integers, weights: Floats) -> dict[str, Floats]:
     """Give the share of each part of the values of chosen scenes, where these are not as all others."""
     count, found = effective(weights), {}
     for name, placed in observed.placed.items():
-        share = (
-            np.bincount(part_of(placed[frame]), weights, len(WIDTHS)) / weights.sum()
-        )
+        counted = np.bincount(part_of(placed[frame]), weights, len(WIDTHS))
+        share = counted / weights.sum()
         # Pearson's statistic, above which chance comes in one of a hundred cases.
         if count * np.sum((share - WIDTHS) ** 2 / WIDTHS) > 21.7:
             shrunk = (count * share + 8 * WIDTHS) / (count + 8)

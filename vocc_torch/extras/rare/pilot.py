@@ -50,13 +50,10 @@ class WeighedJob(runner.Job):
         assert isinstance(scenes, TiltedScenes)
         drawn = scenes.drawn(BlockKey(self.plan.seed, self.point, part.block), shape)
         weights = scenes.weights(*drawn)[: part.frames]
+        rows = zip(errors.keys, errors.counts, errors.half_errors, strict=True)
         return {
-            (key, 0): WeightedCounts.weigh(
-                halves, found, shape.leds, weights, scenes.nominal
-            )
-            for key, halves, found in zip(
-                errors.keys, errors.half_errors, errors.found, strict=True
-            )
+            (key, 0): WeightedCounts.weigh(counts, halves, weights, scenes.nominal)
+            for key, counts, halves in rows
         }
 
 
@@ -83,10 +80,8 @@ def look(
     plan: Plan, banks: Banks, scenes: TiltedScenes, point: str, block: int
 ) -> PilotFrames:
     """Look at one block of a pilot."""
-    plan, key = (
-        replace(plan, batch_frames=BLOCK_FRAMES),
-        BlockKey(plan.seed, point, block),
-    )
+    key = BlockKey(plan.seed, point, block)
+    plan = replace(plan, batch_frames=BLOCK_FRAMES)
     with threads(1), torch.inference_mode():
         link, finders = Link.of(plan), plan.receiver.finders(tuple(banks))
         preambles = any(needs_preambles([*bank]) for bank in banks.values())
@@ -102,30 +97,23 @@ def look(
                 margins.append((scores * (2.0 * seen.bits - 1)).double().cpu())
                 failed.append(off.cpu())
     placed, bits = scenes.drawn(key, plan.world.panel.shape)
-    weights = scenes.weights(placed, bits)
-    sides = torch.stack(margins, dim=1).numpy(), torch.stack(failed, dim=1).numpy()
-    return PilotFrames(placed, bits, weights, *sides)
+    sides = (torch.stack(part, dim=1).numpy() for part in (margins, failed))
+    return PilotFrames(placed, bits, scenes.weights(placed, bits), *sides)
 
 
 def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
     """Give the components that the pilot begins with: weak LEDs with equal neighbours, and patterns."""
-    components = [
-        Component.nominal(SETTINGS.nominal_frames, shape),
-        patterns(
-            shape, SETTINGS.pattern_frames if locates else SETTINGS.pattern_frames // 4
-        ),
-    ]
-    frames_left = BLOCK_FRAMES - sum(component.frames for component in components)
-    side = 2 * REACH + 1
+    nominal = SETTINGS.nominal_frames
+    dark = SETTINGS.pattern_frames if locates else SETTINGS.pattern_frames // 4
+    components = [Component.nominal(nominal, shape), patterns(shape, dark)]
+    places = np.full(shape.leds, 1 / shape.leds)
     chances = [(0.05, 0.85), (0.95, 0.15), (0.95, 0.85), (0.05, 0.15)]
+    frames = (BLOCK_FRAMES - nominal - dark) // len(chances)
     for rate, near in chances:
-        template = np.full((side, side), 0.5)
+        template = np.full((2 * REACH + 1, 2 * REACH + 1), 0.5)
         template[1:-1, 1:-1] = near
         template[REACH, REACH] = rate
-        places = np.full(shape.leds, 1 / shape.leds)
-        components.append(
-            around_leds(shape, frames_left // len(chances), template, 0.5, places, {})
-        )
+        components.append(around_leds(shape, frames, template, 0.5, places, {}))
     return components
 
 
@@ -135,14 +123,12 @@ def patterns(shape: PanelShape, frames: int) -> Component:
     for axis, lines in enumerate(shape.sides):
         for width in range(1, min(4, lines)):
             for first in range(lines - width + 1):
-                map_of_rates = np.full(shape.sides, 0.5)
-                map_of_rates.swapaxes(0, axis)[first : first + width] = 0.05
-                maps.append(map_of_rates)
+                maps.append(np.full(shape.sides, 0.5))
+                maps[-1].swapaxes(0, axis)[first : first + width] = 0.05
     for dark in itertools.product(range(3), repeat=4):
         if sum(dark) <= 3 and dark.count(0) < 3:
             top, bottom, left, right = dark
-            map_of_rates = np.full(shape.sides, 0.05)
-            map_of_rates[top : shape.rows - bottom, left : shape.columns - right] = 0.5
-            maps.append(map_of_rates)
+            maps.append(np.full(shape.sides, 0.05))
+            maps[-1][top : shape.rows - bottom, left : shape.columns - right] = 0.5
     maps += [np.full(shape.sides, share) for share in (0.1, 0.25, 0.75, 0.9)]
     return Component(frames, np.stack(maps), np.full(len(maps), 1 / len(maps)))

@@ -124,40 +124,31 @@ class TiltedScenes(SceneModel):
         return Scene(*map(torch.from_numpy, values)), torch.from_numpy(bits)
 
     def weights(self, uniform: Mapping[str, Floats], bits: Bools) -> Floats:
-        """Give the weight of each frame that was drawn, (N,)."""
-        found: Floats = np.exp(
-            -np.logaddexp.reduce(self.log_ratios(uniform, bits), axis=0)
-        )
-        return found
-
-    def log_ratios(self, uniform: Mapping[str, Floats], bits: Bools) -> Floats:
-        """Give the logarithm of each component's share and density over the density that is meant, (K,N)."""
-        rows = []
+        """Give the weight of each frame that was drawn, (N,): density that is meant over that of the mixture."""
+        ratios = []
         for component in self.components:
-            row = np.logaddexp.reduce(component.log_ratios(bits), axis=1) + np.log(
-                component.frames / BLOCK_FRAMES
-            )
+            ratio = np.logaddexp.reduce(component.log_ratios(bits), axis=1)
+            ratio += np.log(component.frames / BLOCK_FRAMES)
             for name, shares in component.tilts.items():
-                row += np.log(shares / WIDTHS)[part_of(uniform[name])]
-            rows.append(row)
-        return np.stack(rows)
+                ratio += np.log(shares / WIDTHS)[part_of(uniform[name])]
+            ratios.append(ratio)
+        found: Floats = np.exp(-np.logaddexp.reduce(ratios, axis=0))
+        return found
 
     def drawn(
         self, key: BlockKey, shape: PanelShape
     ) -> tuple[dict[str, Floats], Bools]:
         """Draw a block: where each value lies in its distribution, (64,) from 0 to below 1, and the bits."""
-        order = np.repeat(
-            np.arange(len(self.components)),
-            [component.frames for component in self.components],
+        shares = [component.frames for component in self.components]
+        order = key.generator("rare.component").permutation(
+            np.repeat(np.arange(len(shares)), shares)
         )
-        order = key.generator("rare.component").permutation(order)
         uniform = {
             name: key.generator(f"rare.{name}").random(BLOCK_FRAMES)
             for name in SCENE_FIELDS
         }
         place = key.generator("rare.place").random(BLOCK_FRAMES)
-        level = key.generator("rare.bits")
-        levels = level.random((BLOCK_FRAMES, *shape.sides))
+        levels = key.generator("rare.bits").random((BLOCK_FRAMES, *shape.sides))
         bits = np.empty(levels.shape, dtype=np.bool_)
         for number, component in enumerate(self.components):
             rows = np.flatnonzero(order == number)
@@ -165,10 +156,10 @@ class TiltedScenes(SceneModel):
                 np.cumsum(component.places)[:-1], place[rows], side="right"
             )
             bits[rows] = levels[rows] < component.maps[chosen]
-            for name, shares in component.tilts.items():
-                drawn, ends = uniform[name][rows], np.cumsum(shares)
+            for name, tilt in component.tilts.items():
+                drawn, ends = uniform[name][rows], np.cumsum(tilt)
                 part = np.searchsorted(ends[:-1], drawn, side="right")
-                inside = (drawn - (ends - shares)[part]) / shares[part]
+                inside = (drawn - (ends - tilt)[part]) / tilt[part]
                 uniform[name][rows] = EDGES[part] + WIDTHS[part] * inside.clip(
                     0, 1 - 2**-40
                 )

@@ -1,7 +1,7 @@
 """Errors over frames that were drawn where errors are expected, each with its weight, and their interval."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -38,8 +38,8 @@ class WeightedCounts(Counts):
         fourths: sum of (w h)^4, which tells whether a few frames are most of ``squares``.
 
     Example:
-        >>> halves, found = np.array([0, 2, 0, 4]), np.ones(4, dtype=bool)
-        >>> rare = WeightedCounts.weigh(halves, found, 64, np.array([2.0, 1e-3, 0.5, 1e-4]), nominal=16)
+        >>> halves, weights = np.array([0, 2, 0, 4]), np.array([2.0, 1e-3, 0.5, 1e-4])
+        >>> rare = WeightedCounts.weigh(Counts(4, 256, half_errors=6), halves, weights, nominal=16)
         >>> rare.bit_errors, round(rare.ber * rare.bits, 6), round(rare.effective_frames, 1)
         (3.0, 0.0012, 5384.6)
     """
@@ -54,19 +54,13 @@ class WeightedCounts(Counts):
 
     @classmethod
     def weigh(
-        cls,
-        halves: Integers,
-        found: Integers,
-        leds: int,
-        weights: Floats,
-        nominal: int,
+        cls, counts: Counts, halves: Integers, weights: Floats, nominal: int
     ) -> Self:
-        """Count the errors of N frames.
+        """Weigh the errors of N frames.
 
         Args:
+            counts: what was counted in them; locations are not weighed, and left out.
             halves: (N,) each frame's wrong bits, times two.
-            found: (N,) 1 where its panel was found, else 0.
-            leds: bits in a frame.
             weights: (N,) each frame's weight, at least 0.
             nominal: share of the frames, in 64ths, that come from the scenes that are meant.
         """
@@ -75,19 +69,10 @@ class WeightedCounts(Counts):
         h = halves[wrong].astype(object)
         units = [round(weight / WEIGHT_UNIT) for weight in weights[wrong].tolist()]
         weighted = np.array(units, dtype=object) * h
-        return cls(
-            frames=len(halves),
-            bits=len(halves) * leds,
-            half_errors=h.sum(),
-            half_errors_squared=(h**2).sum(),
-            frame_errors=len(h),
-            panels_missed=int((found == 0).sum()),
-            nominal=len(halves) * nominal,
-            weighted=weighted.sum(),
-            weighted_squares=(weighted * h).sum(),
-            squares=(weighted**2).sum(),
-            fourths=(weighted**4).sum(),
-        )
+        sums = weighted, weighted * h, weighted**2, weighted**4
+        unplaced = replace(counts, misplaced=0, misplaced_half_errors=0)
+        weights_of_frames = counts.frames * nominal, *(part.sum() for part in sums)
+        return cls(*unplaced.numbers, *weights_of_frames)
 
     @property
     def ber(self) -> float:
