@@ -41,8 +41,6 @@ def describe(apart: Floats, found: Findings) -> None:
         found: so far, with the last fit.
     """
     fit, coded = found.fit, found.is_coded
-    for word in ("rate", "colours", "ratio", "air", "lens", "beside"):
-        found.say(word)
     found.say("coded", when=coded)
     if found.bound is None:
         found.camera = replace(found.camera, gamma=round(fit.gamma, 5))

@@ -16,6 +16,7 @@ from vocc_torch.extras.calibrate.model import (
     TURNED,
     RecordingFit,
 )
+from vocc_torch.extras.calibrate.reading import Footage
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.receiver.levels import two_levels
 from vocc_torch.receiver.resample import cell_size_px, centre_greys
@@ -38,6 +39,9 @@ class RecordingFitSettings:
     evaluations: int = 12  # of the picture and its derivatives, at most
     tolerance: float = 1e-6  # change of values or misfit that ends a fit
     block_px: int = 8  # neighbours within such a block may hang together
+    grid_px: int = 8  # windows begin on multiples of it, as JPEG's blocks do
+    margin_cells: float = 1.2  # of a window about the panel
+    margin_px: float = 8.0  # beside
     blur_pitches: float = 0.25  # where the blur's fit begins
     brighter: float = 1.3  # a wide On LED than one as seen, whose light is spread
     rounds: int = 4  # of fits and decisions of bits
@@ -62,22 +66,34 @@ RANGES = {
 }
 
 
+def windows_of(footage: Footage, camera: Camera, panel: LedPanel) -> Frames:
+    """Cut a window about the panel from each frame, all of one size, on a grid of 8 px."""
+    grid, sensor = SETTINGS.grid_px, np.array([camera.width_px, camera.height_px])
+    low, high = footage.corners_px.min(1), footage.corners_px.max(1)
+    cell = (high - low).max() / max(panel.shape.sides)
+    margin = SETTINGS.margin_cells * cell + SETTINGS.margin_px
+    size = (((high - low).max(0) + 2 * margin) // grid + 2) * grid
+    size = np.minimum(size, sensor).astype(int)
+    first = ((low + high - size) / 2 // grid * grid).clip(0, sensor - size).astype(int)
+    width, height = size.tolist()
+    places = zip(footage.greys, first.tolist(), strict=True)
+    greys = [grey[y : y + height, x : x + width] for grey, (x, y) in places]
+    planes = torch.from_numpy(np.stack(greys).astype(float))[:, None]
+    return Frames(planes, torch.from_numpy(first), camera.sensor_px)
+
+
 def start(
-    windows: Frames,
-    camera: Camera,
-    panel: LedPanel,
-    corners_px: Floats,
-    bits: Bools | None,
+    footage: Footage, camera: Camera, panel: LedPanel, bits: Bools | None
 ) -> RecordingFit:
     """Begin from the corners that the locator found.
 
     Args:
-        windows: about the panel in each frame.
+        footage: the frames.
         camera: the camera.
         panel: the panel.
-        corners_px: (B,4,2) on the sensor.
         bits: (B,R,C) known bits, or None to decide them from the grey values at the LEDs' centres.
     """
+    windows, corners_px = windows_of(footage, camera, panel), footage.corners_px
     corners, grey = torch.from_numpy(corners_px), windows.grey[:, 0].numpy()
     shape, share = panel.shape, panel.background_reflectance
     read = centre_greys(windows, Panels.known(corners), shape).flatten(1)

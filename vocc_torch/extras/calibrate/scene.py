@@ -93,7 +93,7 @@ class Findings:
     bound: float | None = None
     values: list[Value] = field(default_factory=list)
     effects: list[Named] = field(default_factory=list)
-    unknown: list[str] = field(default_factory=list)
+    unknown: list[str] = field(default_factory=WORDS["always"].copy)
     doubts: list[str] = field(default_factory=list)
 
     @property

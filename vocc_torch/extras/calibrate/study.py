@@ -22,7 +22,7 @@ from vocc_torch.extras.calibrate.fit import (
 from vocc_torch.extras.calibrate.fit import SETTINGS as FIT
 from vocc_torch.extras.calibrate.model import TURNED, RecordingFit
 from vocc_torch.extras.calibrate.reading import Footage
-from vocc_torch.extras.calibrate.scene import WORDS, Findings
+from vocc_torch.extras.calibrate.scene import Findings
 from vocc_torch.extras.calibrate.surround import SETTINGS as SURROUND
 from vocc_torch.extras.calibrate.surround import (
     background,
@@ -33,16 +33,12 @@ from vocc_torch.extras.calibrate.surround import (
 from vocc_torch.extras.calibrate.transfer import transfer
 from vocc_torch.hardware import Camera, LedPanel
 from vocc_torch.receiver.resample import cell_size_px
-from vocc_torch.types import Frames
 
 
 @dataclass(frozen=True)
 class StudySettings:
     """How a recording is prepared and judged."""
 
-    grid_px: int = 8  # windows begin on multiples of it, as JPEG's blocks do
-    margin_cells: float = 1.2  # of a window about the panel
-    margin_px: float = 8.0  # beside
     least_contrast: float = 6.0  # grey values between Off and On, as seen
     finest_pitch_px: int = 12  # of more pixels several are averaged into one
     noise_frames: int = 4  # fewer show no noise
@@ -54,22 +50,6 @@ class StudySettings:
 
 
 SETTINGS = StudySettings()
-
-
-def windows_of(footage: Footage, camera: Camera, panel: LedPanel) -> Frames:
-    """Cut a window about the panel from each frame, all of one size, on a grid of 8 px."""
-    grid, sensor = SETTINGS.grid_px, np.array([camera.width_px, camera.height_px])
-    low, high = footage.corners_px.min(1), footage.corners_px.max(1)
-    cell = (high - low).max() / max(panel.shape.sides)
-    margin = SETTINGS.margin_cells * cell + SETTINGS.margin_px
-    size = (((high - low).max(0) + 2 * margin) // grid + 2) * grid
-    size = np.minimum(size, sensor).astype(int)
-    first = ((low + high - size) / 2 // grid * grid).clip(0, sensor - size).astype(int)
-    width, height = size.tolist()
-    places = zip(footage.greys, first.tolist(), strict=True)
-    greys = [grey[y : y + height, x : x + width] for grey, (x, y) in places]
-    planes = torch.from_numpy(np.stack(greys).astype(float))[:, None]
-    return Frames(planes, torch.from_numpy(first), camera.sensor_px)
 
 
 def coarsened(footage: Footage, camera: Camera, times: int) -> tuple[Footage, Camera]:
@@ -108,9 +88,8 @@ def calibrate(
     pitch = float(torch.minimum(*sizes).median())
     times = max(1, int(pitch / SETTINGS.finest_pitch_px))
     used, coarse = coarsened(chosen, camera, times)
-    windows = windows_of(used, coarse, panel)
     shown = None if bits is None else bits[used.numbers.clip(max=len(bits) - 1)]
-    begun = start(windows, coarse, panel, used.corners_px, shown)
+    begun = start(used, coarse, panel, shown)
     demand_contrast(begun)
     coded = compression(footage.greys)
     found = Findings(camera, panel, config, used, begun, coded, times)
@@ -128,7 +107,7 @@ def calibrate(
     good = misfit <= SETTINGS.odd * usual
     if not good.all():
         study = calibrate(chosen.taken(good), camera, panel, config, bits)
-        study.unknown.append(WORDS["sentences"]["odd"].format(count=int((~good).sum())))
+        study.say("odd", count=np.count_nonzero(~good))
         return study
     if min(abs(fit.gamma - end) for end in RANGES["gamma"]) < 1e-3:
         found.bound = fit.gamma

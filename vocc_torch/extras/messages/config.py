@@ -114,8 +114,12 @@ class ReceiveConfig:
         demand_ranges("receive", self)
 
 
-AXES = ("distance_m", "ambient_lx", "ratio")
-"""What a study of messages varies; ``ratio`` is the camera's frames a symbol."""
+AXES = {
+    "distance_m": "at_distance_m",
+    "ambient_lx": "at_distance_m",
+    "ratio": "at_ratio",
+}
+"""What a study of messages varies, and the key whose range holds for it; ``ratio`` is frames a symbol."""
 
 
 @dataclass
@@ -153,11 +157,10 @@ class MessagesConfig:
         """Check every range."""
         demand_ranges("messages", self)
         ranges = {item.name: item.metadata for item in fields(self)}
-        for name in AXES:
+        for name, alike in AXES.items():
             values = getattr(self, name)
             for value in values:
-                rules = ranges["at_ratio" if name == "ratio" else "at_distance_m"]
-                demand_within(f"messages.{name}", value, **rules)
+                demand_within(f"messages.{name}", value, **ranges[alike])
             if not all(a < b for a, b in pairwise(values)):
                 raise VoccError.of(f"messages.{name}", values, "ascending")
         if not any(getattr(self, axis) for axis in AXES):

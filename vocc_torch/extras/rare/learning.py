@@ -3,7 +3,7 @@
 This is the cross-entropy method (Rubinstein, Methodology and Computing in Applied Probability 1, 1999).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,8 +11,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vocc_torch.arrays import Bools, Floats, Integers, Numbers
-from vocc_torch.extras.rare.scenes import WIDTHS, Component, TiltedScenes, part_of
+from vocc_torch.extras.rare.scenes import WIDTHS, Component, TiltedScenes
 from vocc_torch.rng import BLOCK_FRAMES
+from vocc_torch.simulation.scene import SCENE_FIELDS
 from vocc_torch.types import PanelShape
 
 REACH = 2
@@ -39,25 +40,23 @@ class PilotFrames(NamedTuple):
     """What a pilot saw of N frames.
 
     Args:
-        placed: where each value of the scenes lies in its distribution, (N,) by name.
+        parts: (N,V) in which part of its distribution each value of the scenes lies.
         bits: (N,R,C) bool.
         weights: (N,) float64.
         margins: (N,L,R,C) by locator and receiver: how far each score is on the right side.
         failed: (N,L) bool, whether the panel was not found where it is.
     """
 
-    placed: Mapping[str, Floats]
+    parts: Integers
     bits: Bools
     weights: Floats
     margins: Floats
     failed: Bools
 
 
-def joined(looks: Sequence[PilotFrames]) -> PilotFrames:
+def joined(looks: Iterable[PilotFrames]) -> PilotFrames:
     """Join the samples of several blocks."""
-    placed, *arrays = zip(*looks, strict=True)
-    names = {name: np.concatenate([at[name] for at in placed]) for name in placed[0]}
-    return PilotFrames(names, *map(np.concatenate, arrays))
+    return PilotFrames(*map(np.concatenate, zip(*looks, strict=True)))
 
 
 def learned(
@@ -197,9 +196,8 @@ def evened(weights: Floats) -> Floats:
 def tilts(observed: PilotFrames, frame: Integers, weights: Floats) -> dict[str, Floats]:
     """Give the share of each part of the values of chosen scenes, where these are not as all others."""
     count, found = effective(weights), {}
-    for name, placed in observed.placed.items():
-        counted = np.bincount(part_of(placed[frame]), weights, len(WIDTHS))
-        share = counted / weights.sum()
+    for name, parts in zip(SCENE_FIELDS, observed.parts[frame].T, strict=True):
+        share = np.bincount(parts, weights, len(WIDTHS)) / weights.sum()
         # Pearson's statistic, above which chance comes in one of a hundred cases.
         if count * np.sum((share - WIDTHS) ** 2 / WIDTHS) > 21.7:
             shrunk = (count * share + 8 * WIDTHS) / (count + 8)

@@ -22,7 +22,7 @@ from vocc_torch.extras.rare.learning import (
     joined,
     learned,
 )
-from vocc_torch.extras.rare.scenes import Component, TiltedScenes
+from vocc_torch.extras.rare.scenes import Component, TiltedScenes, part_of
 from vocc_torch.extras.rare.weights import WeightedCounts
 from vocc_torch.measure import runner
 from vocc_torch.measure.counts import Counts
@@ -71,7 +71,7 @@ def weighed_job(job: runner.Job, workers: Workers) -> WeighedJob:
     looks = []
     for level, blocks in enumerate(SETTINGS.level_blocks):
         call = partial(look, job.plan, banks, scenes, f"{job.point}/pilot/{level}")
-        looks.append(joined([*workers.map(call, range(blocks))]))
+        looks.append(joined(workers.map(call, range(blocks))))
         scenes = TiltedScenes.of(job.model, learned(scenes, looks, shape))
     return WeighedJob(job.plan, scenes, job.point, job.banks, job.name)
 
@@ -98,7 +98,8 @@ def look(
                 failed.append(off.cpu())
     placed, bits = scenes.drawn(key, plan.world.panel.shape)
     sides = (torch.stack(part, dim=1).numpy() for part in (margins, failed))
-    return PilotFrames(placed, bits, scenes.weights(placed, bits), *sides)
+    parts = part_of(np.stack([*placed.values()], axis=1))
+    return PilotFrames(parts, bits, scenes.weights(placed, bits), *sides)
 
 
 def first_guess(shape: PanelShape, *, locates: bool) -> list[Component]:
