@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
 from one_point import banks, job_of
 from scipy import stats
 
@@ -46,17 +47,9 @@ def density(scenes, bits, far):
     total = one.frames / 64 * 0.5**bits.size
     for share, chances in zip(two.places, two.maps, strict=True):
         total += two.frames / 64 * share * np.prod(np.where(bits, chances, 1 - chances))
-    lit = bits.sum()
     here = next(i for i in range(10) if EDGES[i] <= far < EDGES[i + 1])
-    return (
-        total
-        + three.frames
-        / 64
-        * 0.8**lit
-        * 0.2 ** (bits.size - lit)
-        * UPPER[here]
-        / WIDTHS[here]
-    )
+    tilt = UPPER[here] / WIDTHS[here]
+    return total + three.frames / 64 * np.prod(np.where(bits, 0.8, 0.2)) * tilt
 
 
 def test_a_weight_is_the_ratio_of_two_densities(scenes):
@@ -90,32 +83,19 @@ def test_frames_are_drawn_as_the_weights_say(scenes):
 def test_the_mean_of_weighted_errors_is_the_known_rate():
     """An LED that is Off between four that are On, in the last 32nd of distance and background."""
     shape, names = PanelShape(8, 8), ("distance_m", "background_grey")
+    cross = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], bool)
     template = np.full((5, 5), 0.5)
-    template[1:4, 2], template[2, 1:4], template[2, 2] = 0.9, 0.9, 0.1
-    seeks = learning.around_leds(
-        shape,
-        48,
-        template,
-        0.5,
-        np.full(64, 1 / 64),
-        dict.fromkeys(names, UPPER),
-    )
+    template[1:4, 1:4][cross], template[2, 2] = 0.9, 0.1
+    everywhere, tilts = np.full(64, 1 / 64), dict.fromkeys(names, UPPER)
+    seeks = learning.around_leds(shape, 48, template, 0.5, everywhere, tilts)
     scenes = TiltedScenes.of(SceneModel(), [Component.nominal(16, shape), seeks])
     total = WeightedCounts()
     for key in (BlockKey(1, "toy", block) for block in range(60)):
         placed, bits = scenes.drawn(key, shape)
-        around = (
-            bits[:, :-2, 1:-1],
-            bits[:, 2:, 1:-1],
-            bits[:, 1:-1, :-2],
-            bits[:, 1:-1, 2:],
-        )
-        surrounded = np.logical_and.reduce([~bits[:, 1:-1, 1:-1], *around]).sum(
-            axis=(1, 2)
-        )
-        wrong = surrounded * np.logical_and.reduce(
-            [placed[name] >= 31 / 32 for name in names]
-        )
+        around = sliding_window_view(bits, (3, 3), axis=(1, 2))
+        surrounded = around[..., cross].all(-1) & ~around[..., 1, 1]
+        far = np.min([placed[name] for name in names], axis=0) >= 31 / 32
+        wrong = surrounded.sum(axis=(1, 2)) * far
         weights = scenes.weights(placed, bits)
         counts = Counts(64, 64 * 64, frame_errors=np.count_nonzero(wrong))
         total += WeightedCounts.weigh(counts, 2 * wrong, weights, scenes.nominal)

@@ -164,10 +164,8 @@ def recorded(
     fps = varied.pop("ratio") * rate_hz
     changes = {**plan.experiment.scene, **varied}
     model = narrowed(plan.world.scene, changes, "messages")
-    shape, key = (
-        plan.world.panel.shape,
-        BlockKey(plan.seed, f"messages/{axis}={value:g}", number),
-    )
+    shape = plan.world.panel.shape
+    key = BlockKey(plan.seed, f"messages/{axis}={value:g}", number)
     base = Layout(MessagePlan(shape, config.options("none")))
     words = key.generator("bits").integers(2, size=base.places.shape, dtype=np.uint8)
     shown = base.write(words)
@@ -204,10 +202,8 @@ def recorded(
     results = {}
     for name, code in product(read, config.codes):
         layout = Layout(MessagePlan(shape, config.options(code)))
-        sent, payload = (
-            config.blocks * layout.packets,
-            payload_bytes(layout.code.info_bytes),
-        )
+        sent = config.blocks * layout.packets
+        payload = payload_bytes(layout.code.info_bytes)
         arrived, false = packets_of(blocks[name], layout, shown, key)
         results[Place(axis, value, name, code)] = Carried(
             counted(max(0, sent - arrived), sent),
@@ -257,7 +253,7 @@ def rows_of(results: Results) -> list[terminal.TableRow]:
         raw = sum((part.raw for part in recordings), Counts())
         lost = sum((part.lost for part in recordings), Counts())
         loss, full = ber_interval(lost), recordings[0].kbit_s
-        goodputs = (full * (1 - share) for share in (loss.value, loss.high, loss.low))
+        ends = (full * (1 - share) for share in (loss.value, loss.high, loss.low))
         row: terminal.TableRow = {
             **place._asdict(),
             "recordings": lost.frames,
@@ -266,21 +262,16 @@ def rows_of(results: Results) -> list[terminal.TableRow]:
             **dict(zip(LOSS, astuple(loss), strict=True)),
             "false_packets": sum(part.false for part in recordings),
             "raw_ber": ber_interval(raw) if raw.bits else terminal.BLANK,
-            "kbit_s": Estimate(*goodputs),
+            "kbit_s": Estimate(*ends),
             "best": 0,
             "frames": sum(part.frames for part in recordings),
         }
         rows.append(row)
-    for row in rows:
-        others = (other for other in rows if point_of(other) == point_of(row))
-        most = max(other["kbit_s"].value for other in others)
-        row["best"] = int(row["kbit_s"].value == most > 0)
+    goodputs = {at: row["kbit_s"].value for at, row in zip(results, rows, strict=True)}
+    for place, row in zip(results, rows, strict=True):
+        most = max(goodputs[at] for at in results if at[:3] == place[:3])
+        row["best"] = int(goodputs[place] == most > 0)
     return rows
-
-
-def point_of(row: terminal.TableRow) -> tuple[object, ...]:
-    """Name the point of a row, whose codes are compared."""
-    return row["axis"], row["value"], row["receiver"]
 
 
 def figure_of(rows: Sequence[terminal.TableRow]) -> plots.Figure:
