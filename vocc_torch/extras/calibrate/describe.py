@@ -47,16 +47,15 @@ def describe(apart: Floats, found: Findings) -> None:
         found.tell("camera.gamma", fit.gamma, fit.deviation("gamma"))
     else:
         found.say("bound", gamma=found.bound, fitted=fit.gamma)
-    wide = SURE * fit.deviation("gamma") > SETTINGS.wide_gamma
-    found.say("hardly", when=wide)
+    half = SURE * fit.deviation("gamma")
+    found.say("hardly", when=half > SETTINGS.wide_gamma)
     place(apart, found)
     if found.tried("jpeg", found.coded[1], SURROUND.coded_sigmas):
         found.tell("effects.jpeg.quality", found.coded[0], 1.0)
     counts = None if coded else found.curve
-    if counts is None:
-        found.say("noise")
+    found.say("noise", when=counts is None)
     efficiency = brightness(counts, found)
-    blur, deviation = float(fit.values["blur_px"].item()), fit.deviation("blur_px")
+    blur, deviation = fit.values["blur_px"].item(), fit.deviation("blur_px")
     if found.tried("blooming", blur, SETTINGS.narrowest_blur_px):
         sigma = min(blur * found.coarse, SETTINGS.widest_blur_px)
         found.tell("effects.blooming.sigma_px", sigma, deviation * found.coarse)
@@ -71,8 +70,8 @@ def describe(apart: Floats, found: Findings) -> None:
     found.tried("saturation")
     found.tried("quantization")
     found.tell("effects.quantization.bits", 8)
-    large = fit.scale > SETTINGS.large_residuals
-    found.say("residuals", when=large, times=math.sqrt(fit.scale))
+    if fit.scale > SETTINGS.large_residuals:
+        found.say("residuals", times=math.sqrt(fit.scale))
 
 
 def place(apart: Floats, found: Findings) -> None:
@@ -122,11 +121,14 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
         camera = fit.camera
         exposure_lx_s = float(through_lens(torch.tensor(background), camera))
         per_lux = Photoelectrons(efficiency).electrons_per_lx_s(camera) * exposure_lx_s
-        counted = electrons(found, curve)[0] / per_lux
+        electrons = float(np.median(fit.lights[0])) / curve.noise.slope
+        counted = electrons / per_lux
         if config.ambient_lx is None:
             by_curve = math.sqrt(curve.covariance[0, 0]) / curve.noise.slope
             by_grey = 4 * grey.deviation / (grey.low + grey.high)
-            error = counted * math.hypot(by_curve, by_grey, by_gamma(found)[0])
+            # With the variance of grey values as it is, they go with 1 / gamma^2.
+            by_gamma = fit.deviation("gamma") * (2 / fit.gamma)
+            error = counted * math.hypot(by_curve, by_grey, by_gamma)
             lux, note = counted, "from the photon noise"
             found.say("product")
         else:
@@ -146,28 +148,9 @@ def brightness(curve: TransferCurve | None, found: Findings) -> float:
         found.tell(luminance, veil * lux, veil_error * lux)
         found.say("veil")
     if found.panel.board_reflectance is not None:
-        board = round(float(fit.values["board"].item()), 4)
+        board = round(fit.values["board"].item(), 4)
         found.panel = replace(found.panel, board_reflectance=board)
     return efficiency
-
-
-def electrons(found: Findings, curve: TransferCurve) -> Floats:
-    """Count the background's electrons, and those of the noise in the dark, (2,)."""
-    background = float(np.median(found.fit.lights[0]))
-    return np.array([background, math.sqrt(curve.noise.floor)]) / curve.noise.slope
-
-
-def by_gamma(found: Findings) -> Floats:
-    """Say by which share :func:`electrons` change as gamma does by its deviation.
-
-    With the variance of grey values as it is, the first go with ``1 / gamma^2``, and the second with
-    ``(Off / background)^gamma / gamma``.
-    """
-    fit = found.fit
-    dark = float(
-        np.median(np.abs(np.log(fit.values["off"] / fit.values["background"])))
-    )
-    return fit.deviation("gamma") * np.array([2 / fit.gamma, 1 / fit.gamma + dark])
 
 
 def sensor_noise(curve: TransferCurve, found: Findings, efficiency: float) -> None:
@@ -180,11 +163,14 @@ def sensor_noise(curve: TransferCurve, found: Findings, efficiency: float) -> No
     found.tried("gain")
     found.tell("effects.photoelectrons.quantum_efficiency", min(1.0, efficiency))
     found.say("photons", when=efficiency > 1, efficiency=efficiency)
-    slope, floor = curve.noise.slope, curve.noise.floor
     found.say("read", when=not read)
     if read:
+        fit, slope, floor = found.fit, curve.noise.slope, curve.noise.floor
+        count = math.sqrt(floor) / slope / found.coarse
         turn = np.array([-1 / slope, 0.5 / floor])
-        variance = float(turn @ curve.covariance @ turn)
-        count = float(electrons(found, curve)[1]) / found.coarse
-        error = count * math.hypot(math.sqrt(variance), by_gamma(found)[1])
+        by_curve = math.sqrt(turn @ curve.covariance @ turn)
+        # With the variance of grey values as it is, it goes with (Off / background)^gamma / gamma.
+        dark = np.median(np.abs(np.log(fit.values["off"] / fit.values["background"])))
+        by_gamma = fit.deviation("gamma") * (1 / fit.gamma + float(dark))
+        error = count * math.hypot(by_curve, by_gamma)
         found.tell("effects.read_noise.electrons", count, error)

@@ -37,7 +37,7 @@ def payload_bytes(info_bytes: int) -> int:
     """Give how many bytes of a message a packet of ``info_bytes`` carries.
 
     Raises:
-        VoccError: none.
+        VoccError: no room for any.
     """
     if info_bytes <= OVERHEAD_BYTES:
         raise VoccError(
