@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from vocc_torch.arrays import Bytes, read_bits
 from vocc_torch.errors import VoccError
@@ -19,7 +20,7 @@ from vocc_torch.report.terminal import Console, ProgressView
 from vocc_torch.report.video import write_video
 from vocc_torch.rng import BlockKey
 from vocc_torch.simulation.effects.coding import Quantization
-from vocc_torch.simulation.recording import Shutter, further_films, record
+from vocc_torch.simulation.recording import Recorded, Shutter, further_films, record
 
 CORNERS = [f"{axis}_{corner}" for corner in ("tl", "tr", "br", "bl") for axis in "xy"]
 COLUMNS = ("frame", "taken_s", "symbol", "distance_m", *CORNERS)
@@ -48,6 +49,28 @@ def shutter_of(
         start_s = float(key.generator("start").random()) * symbol_s
     faults = config.dropped, config.repeated, config.black, config.burst_frames
     return Shutter(fps, start_s, config.readout_s, *faults)
+
+
+def truth_of(
+    part: Recorded, first: int, distance_m: Tensor, speed_m_s: float
+) -> Iterator[run_folder.Cells]:
+    """Give the rows of ``truth.csv`` for some frames.
+
+    Args:
+        part: the frames.
+        first: the number of the first of them.
+        distance_m: of the panel at the recording's begin, (1,).
+        speed_m_s: by which it grows.
+    """
+    corners = part.panels.corners_px - part.frames.origin_px[:, None]
+    taken_s = torch.from_numpy(part.taken_s)[:, None]
+    away_m = distance_m + speed_m_s * taken_s.nan_to_num()
+    places = torch.cat([away_m, corners.flatten(1).cpu()], 1).tolist()
+    for number, (time_s, symbol, place) in enumerate(
+        zip(part.taken_s.tolist(), part.symbols, places, strict=True), first
+    ):
+        cells = [f"{value:.3f}" for value in place]
+        yield (number, None if symbol is None else f"{time_s:.6f}", symbol, *cells)
 
 
 def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
@@ -89,14 +112,8 @@ def run_record(settings: Settings, config: RecordConfig, folder: Path) -> None:
 
     def pictures() -> Iterator[Bytes]:
         for part in parts:
-            corners = part.panels.corners_px - part.frames.origin_px[:, None]
-            time_s = torch.from_numpy(part.taken_s)[:, None]
-            away_m = scene.distance_m + config.speed_m_s * time_s.nan_to_num()
-            numbers = torch.cat([time_s, away_m, corners.flatten(1).cpu()], 1).tolist()
-            for symbol, (taken_s, *place) in zip(part.symbols, numbers, strict=True):
-                moment = None if symbol is None else f"{taken_s:.6f}"
-                cells = [f"{number:.3f}" for number in place]
-                rows.append((len(rows) - 1, moment, symbol, *cells))
+            first = len(rows) - 1
+            rows.extend(truth_of(part, first, scene.distance_m, config.speed_m_s))
             grey = part.frames.grey[:, 0].cpu().numpy()
             if not file.tell():
                 shape = (count, *grey.shape[1:])
