@@ -138,10 +138,12 @@ def falloff(greys: Numbers, outside: Bools, fit: RecordingFit) -> Falloff:
 
     natural = shade(0.0)
     out = 2 - 2 * shade(0.5) / natural  # distance from the middle; a corner's is 1
+    # The light of the model is on another scale than the frame's.
+    level = y / natural * natural.mean()
     # As if all of a block were rounded alike, which it is without noise.
     rounding = (gamma / np.median(typical)) ** 2 / 12 / len(greys)
-    (slope, middle), covariance = np.polyfit(out, y / natural, 1, cov=True)
-    left = y / natural - middle - slope * out
+    (slope, middle), covariance = np.polyfit(out, level, 1, cov=True)
+    left = level - middle - slope * out
     error = math.sqrt(covariance[0, 0] + rounding / count) / middle
     loss = min(max(float(-slope / middle), 0.0), SETTINGS.most_loss)
     flat, best = (((part**2).mean() + rounding) for part in (y - y.mean(), left))

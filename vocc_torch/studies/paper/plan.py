@@ -125,6 +125,9 @@ def plan_figures(settings: configs.Settings, config: FiguresConfig) -> FigurePla
     for group in alike(readings):
         for name, experiment in config.experiments.items():
             if RATE_FIGURES.get(name) in names:
+                if experiment.row_axis is not None:
+                    key = f"figures.experiments.{name}.row_axis"
+                    raise VoccError.of(key, experiment.row_axis, "null but for dimming")
                 plan = rows_of(group[0].plan, name, experiment)[0.0]
                 study = f"{name}-{group[0].name}"
                 studies.append(RateStudy(name, study, plan, group))
