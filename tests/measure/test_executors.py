@@ -17,9 +17,10 @@ from one_point import banks, job_of
 
 from vocc_torch import plugins
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import executors
-from vocc_torch.measure.executors import WorkerPool, Workers, about_run, called
+from vocc_torch.measure import executors, pools
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.plan import Experiment, resolve_device
+from vocc_torch.measure.pools import WorkerPool, about_run, called
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.sweep import curves_at, outcomes
 from vocc_torch.measure.train import train
@@ -64,9 +65,18 @@ def results(sweeps, workers, progress=lambda *_: None, store=None):
         found[job.plan.experiment.name][value] = outcome
     plans = {job.plan.experiment.name: job.plan for job in jobs}
     return {
-        name: {of: vars(curves_at(plan, of, found[name])) for of in LOCATORS}
+        name: {of: stated(curves_at(plan, of, found[name])) for of in LOCATORS}
         for name, plan in plans.items()
     }
+
+
+def stated(curves):
+    """All that a curve says: rows, counts, and errors by frame."""
+    packed = {
+        value: [errors.packed() for errors in both]
+        for value, both in curves.errors.items()
+    }
+    return {**vars(curves), "errors": packed}
 
 
 IS_DEAF = (
@@ -350,7 +360,7 @@ def test_unasked_it_begins_here_and_takes_processes(monkeypatch):
         opened.append(count)
         return pool_here(count, ended=ended.append)
 
-    monkeypatch.setattr(executors, "process_pool", open_pool)
+    monkeypatch.setattr(pools, "process_pool", open_pool)
     monkeypatch.setattr(executors, "LIMITS", replace(executors.LIMITS, patience_s=0.05))
     monkeypatch.setattr(executors.timing, "usable_cores", lambda: 64)
     with Workers(None) as pool:
@@ -373,7 +383,7 @@ def test_a_cluster_is_never_given_more_at_a_time_than_was_asked_for(
     slots, count, window, monkeypatch
 ):
     monkeypatch.setitem(sys.modules, "ray", SimpleNamespace())
-    monkeypatch.setattr(executors, "ray_pool", lambda *_: pool_here(slots))
+    monkeypatch.setattr(pools, "ray_pool", lambda *_: pool_here(slots))
     with Workers(count, "ray") as pool:
         assert pool.window == window
 
@@ -387,7 +397,7 @@ class NodeDiedError(Exception):
 def test_a_call_that_a_cluster_lost_for_good_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", SimpleNamespace())
     lost = pool_here(lost=NodeDiedError("gone"))
-    monkeypatch.setattr(executors, "ray_pool", lambda *_: lost)
+    monkeypatch.setattr(pools, "ray_pool", lambda *_: lost)
     refusal = r"^a cluster lost a task 3 times \(NodeDiedError: gone\): .*start again to go on$"
     with Workers(2, "ray") as pool, pytest.raises(VoccError, match=refusal):
         pool.result(pool.submit(abs, -1))

@@ -132,17 +132,22 @@ def curves_of(
             at = experiment.result_values[group] if is_bin else value
             trainings = []
             for number in several:
-                keys = [replace(key, training=number) for key in receivers.values()]
+                keys = (replace(key, training=number) for key in receivers.values())
                 trainings.append(errors.of(list(map(errors.place, keys))))
-            pooled = FrameErrors.pooled(trainings).counts
-            each = zip(*(training.counts for training in trainings), strict=True)
-            of_all = map(Trained, each, pooled)
+            counts = zip(*(training.counts for training in trainings), strict=True)
+            of_all = map(Trained, counts, FrameErrors.pooled(trainings).counts)
             for (name, key), trained in zip(receivers.items(), of_all, strict=True):
-                place = experiment.name, experiment.axis, at, name, key.locator
-                counted = outcome.counts[key, group], outcome.stopped_by
-                points.append(
-                    curve.Point(*place, *counted, trained if len(several) > 1 else None)
+                point = curve.Point(
+                    experiment.name,
+                    experiment.axis,
+                    at,
+                    name,
+                    key.locator,
+                    outcome.counts[key, group],
+                    outcome.stopped_by,
+                    trained if len(several) > 1 else None,
                 )
+                points.append(point)
             if weigh_alike:
                 compared[at] = trainings
     return curve.Curves(points, compared)

@@ -136,7 +136,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
     """
     lines = [PAIRED_COLUMNS]
     for curves in all_curves:
-        for value in curves.pairs:
+        for value in curves.errors:
             for a, b in combinations(curves.receivers, 2):
                 if (paired := curves.pair(a, b, value)).frames:
                     found = paired_interval(paired)

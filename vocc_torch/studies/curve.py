@@ -206,7 +206,7 @@ def notes_on(plan: Plan, curves: curve.Curves) -> list[str]:
             for value in curves.values
         }
         for name in names
-        if reference in names and curves.pairs and name != reference
+        if reference in names and curves.errors and name != reference
     }
     text = page.render(
         __package__,
