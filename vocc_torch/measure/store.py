@@ -37,8 +37,8 @@ _UNSAID = r"^(world|made_with)\.|\.(plug_in|arguments|maker|files)\b"
 """Parts of a setting's path that mean nothing to its user."""
 _STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
 _IN_USE = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
-_FULL = "cannot be written: make room, then start the same run again"
-_SEALED = f"cannot be written: make it writable, or {_ANOTHER}"
+_FULL = "cannot be written ({}): make room, then start the same run again"
+_SEALED = "cannot be written ({}): make it writable, or " + _ANOTHER
 _SAID = {
     sqlite3.SQLITE_NOTADB: _STRANGER,
     sqlite3.SQLITE_BUSY: _IN_USE,
@@ -275,8 +275,9 @@ def _refusing(path: Path) -> Iterator[None]:
         if isinstance(error, sqlite3.ProgrammingError):
             told = "is closed: open it again"
         if isinstance(error, OSError):
-            told = f"{_SEALED} ({error.strerror or error})"
-        raise VoccError(f"{_shown(path)} {told}") from None
+            told = _SEALED
+        reason = getattr(error, "strerror", None) or error
+        raise VoccError(f"{_shown(path)} {told.format(reason)}") from None
 
 
 def _shown(path: Path) -> Path:
