@@ -1,7 +1,7 @@
 """From the settings to a study's plan, and from a classifier's settings to the classifier."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -19,6 +19,7 @@ from vocc_torch.measure.config import (
     WorldSettings,
     effect_settings,
 )
+from vocc_torch.measure.schema import typed
 from vocc_torch.plugins import TARGET, PlugIn, is_target
 from vocc_torch.receiver import deciders, reader
 from vocc_torch.receiver.classifiers import Inputs, training
@@ -216,12 +217,8 @@ def classifier_plan(
             f"{key}: a classifier's name must be a word, and none of {', '.join(RESERVED)}"
         )
     with section(key):
-        keys = {option.name for option in fields(training.TrainingRecipe)}
-        for word in config.training:
-            if word not in keys:
-                raise VoccError(
-                    f"training.{word} is not a known key: known are {', '.join(sorted(keys))}"
-                )
+        with section("training"):
+            recipe = typed(training.TrainingRecipe, config.training)
         arguments = dict(config.build)
         if config.file is not None:
             arguments[TARGET] = f"{config.file}:{arguments.get(TARGET)}"
@@ -231,7 +228,7 @@ def classifier_plan(
             name=name,
             build=build,
             inputs=Inputs.parse(config.inputs, features),
-            training=training.TrainingRecipe(**config.training),
+            training=recipe,
             frames=config.frames,
             scene=parsed_scene(config.scene),
         )

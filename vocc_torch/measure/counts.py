@@ -1,7 +1,7 @@
 """What a receiver got wrong: exact integers that add over blocks of frames, in any order."""
 
 import operator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any, ClassVar, Self
 
 import torch
@@ -22,18 +22,13 @@ class Tally:
     frames: int = 0
     bits: int = 0
 
-    @property
-    def numbers(self) -> tuple[int, ...]:
-        """All of them, in the order of the fields."""
-        return tuple(getattr(self, name) for name in self.__match_args__)
-
     def __add__(self, other: Self | int) -> Self:
         """Join what was counted on disjoint frames; the 0 that ``sum`` starts from is let through."""
         if isinstance(other, int) and other == 0:
             return self
         if isinstance(other, int) or type(other) is not type(self):
             return NotImplemented
-        return type(self)(*map(operator.add, self.numbers, other.numbers))
+        return type(self)(*map(operator.add, astuple(self), astuple(other)))
 
     __radd__ = __add__
 

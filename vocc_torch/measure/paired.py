@@ -10,7 +10,7 @@ expected, all in one direction, the t interval covers about 80 % instead of 95 %
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 from scipy.special import betainc
 
@@ -56,7 +56,7 @@ class PairedCounts(Tally):
     @property
     def sides(self) -> tuple[Counts, Counts]:
         """The excess of either receiver as the counts that they are: errors a frame at a time."""
-        frames, bits, *sums = self.numbers
+        frames, bits, *sums = astuple(self)
         return Counts(frames, bits, *sums[:3]), Counts(frames, bits, *sums[3:])
 
     @property
