@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 
 from vocc_torch.errors import VoccError, demand_within
 from vocc_torch.measure.counts import Counts
@@ -186,7 +186,9 @@ class Point(PointKey):
             counts.frames,
             counts.bits,
             counts.bit_errors,
-            *astuple(interval),
+            interval.value,
+            interval.low,
+            interval.high,
             counts.frame_errors,
             counts.panels_missed,
             self.stopped_by,

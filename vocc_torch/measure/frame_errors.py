@@ -29,7 +29,7 @@ class Key:
     training: int = 0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class FrameErrors:
     """Errors of L receivers in each of the same N frames of one kind of scenes.
 
@@ -40,6 +40,11 @@ class FrameErrors:
         groups: (N,) int64, the group of each frame, 0 without groups.
         leds: bits in a frame, at least 1.
         keys: whose errors the L rows are; none where rows are known by their places alone.
+
+    Attributes:
+        half_errors: (L,N) wrong bits, times two.
+        found: (L,N) 1 where the panel was found.
+        misplaced: (L,N) 1 where the panel was missed or has a corner too far off.
 
     Example:
         >>> half, found = np.array([[4, 0, 64], [0, 2, 64]]), np.array([[1, 1, 0]] * 2)
@@ -55,20 +60,9 @@ class FrameErrors:
     leds: int
     keys: tuple[Key, ...] = ()
 
-    @property
-    def half_errors(self) -> Integers:
-        """Wrong bits, times two, (L,N)."""
-        return self.table[0]
-
-    @property
-    def found(self) -> Integers:
-        """1 where the panel was found, (L,N)."""
-        return self.table[1]
-
-    @property
-    def misplaced(self) -> Integers:
-        """1 where the panel was missed or has a corner too far off, (L,N)."""
-        return self.table[2]
+    def __post_init__(self) -> None:
+        """Name the three parts of the table."""
+        self.half_errors, self.found, self.misplaced = self.table
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -164,8 +158,10 @@ class FrameErrors:
     def pair(self, a: int, b: int) -> PairedCounts:
         """Compare the receivers of two rows."""
         apart = self.half_errors[a] - self.half_errors[b]
-        sides = _sums(np.stack([apart, -apart]).clip(min=0)).T.ravel().tolist()
-        return PairedCounts(len(apart), len(apart) * self.leds, *sides)
+        frames, excess = len(apart), np.stack([apart, -apart]).clip(min=0)
+        sums_of_sides = _sums(excess).T.tolist()
+        bits = frames * self.leds
+        return PairedCounts(*(Counts(frames, bits, *sums) for sums in sums_of_sides))
 
 
 def _sums(errors: Integers) -> Integers:

@@ -71,8 +71,10 @@ class Grid:
     def intervals(self, receiver: str) -> tuple[Floats, Floats]:
         """Give both ends of each cell's 95 % interval, (rows, columns) each; a limit where there was no error."""
         cells = self.estimates(receiver, None)
-        ends = [[(cell.low, cell.high) for cell in row] for row in cells]
-        low, high = np.moveaxis(ends, 2, 0)
+        low, high = (
+            np.array([[getattr(cell, end) for cell in row] for row in cells])
+            for end in ("low", "high")
+        )
         return low, high
 
     def _estimates(self, receiver: str, tail: float | None) -> list[list[Estimate]]:

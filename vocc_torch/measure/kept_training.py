@@ -158,7 +158,8 @@ def _packed(training: Training) -> dict[str, Any]:
 def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
     """Put a training together."""
     arrays = {name: array_of(packed) for name, packed in content["arrays"].items()}
-    figures = {key: arrays.pop(key) for key in ("features", "bits")}
+    parts: dict[str, Any] = {key: arrays.pop(key) for key in ("features", "bits")}
+    parts |= {key: content[key] for key in _NUMBERS}
     device = resolve_device(plan.world.device)
     flda = FLDA(arrays["mean"].shape[-1])
     flda.load_state_dict(arrays)
@@ -173,8 +174,7 @@ def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
         flda.to(device),
         classifiers=learned,
         costs={name: Making(**cost) for name, cost in content["costs"].items()},
-        **{key: content[key] for key in _NUMBERS},
-        **figures,
+        **parts,
     )
     for record in (training, *training.costs.values()):
         demand_fields("trained", record)

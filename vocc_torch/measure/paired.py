@@ -10,64 +10,58 @@ expected, all in one direction, the t interval covers about 80 % instead of 95 %
 
 import math
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass, field
+from typing import Self
 
 from scipy.special import betainc
 
-from vocc_torch.measure.counts import Counts, Tally
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval, clustered_interval
 
 
 @dataclass(frozen=True, slots=True)
-class PairedCounts(Tally):
-    """By how much one receiver, a, did worse than another, b, on the same frames, as Python integers.
+class PairedCounts:
+    """By how much one receiver, a, did worse than another, b, on the same frames.
 
     Frames in which both have equally many wrong bits do not contribute. The other frames are *discordant*:
-    those in which a is worse and those in which b is worse are counted separately, with the first two
-    moments of the excess, because the interval needs both sides. Errors are counted in halves, as in
-    :class:`~vocc_torch.measure.counts.Counts`, so that ``half_difference`` is exactly the difference of
-    the two receivers' ``half_errors``.
+    those in which a is worse and those in which b is worse are counted separately, because the interval needs
+    both sides.
 
     Args:
-        frames: frames compared.
-        bits: bits sent in them.
-        a_excess: half errors of a beyond those of b, summed over the frames where a had more.
-        a_excess_squared: sum of their squares, a frame at a time.
-        a_worse: frames where a had more.
-        b_excess: half errors of b beyond those of a, summed over the frames where b had more.
-        b_excess_squared: sum of their squares, a frame at a time.
-        b_worse: frames where b had more.
+        a: errors of a beyond those of b, in the frames where a had more; its ``frame_errors`` are these frames.
+        b: likewise of b beyond those of a.
 
     Example:
-        >>> paired = PairedCounts(frames=64, bits=4096, a_excess=6, a_excess_squared=20, a_worse=2)
+        >>> paired = PairedCounts(Counts(64, 4096, 6, 20, 2), Counts(64, 4096))
         >>> total = sum([paired, paired], PairedCounts())
         >>> total.half_difference, total.half_difference_squared, total.discordant
         (12, 40, 4)
     """
 
-    a_excess: int = 0
-    a_excess_squared: int = 0
-    a_worse: int = 0
-    b_excess: int = 0
-    b_excess_squared: int = 0
-    b_worse: int = 0
+    a: Counts = field(default_factory=Counts)
+    b: Counts = field(default_factory=Counts)
+
+    def __add__(self, other: Self) -> Self:
+        """Join what was counted on disjoint frames."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return type(self)(self.a + other.a, self.b + other.b)
 
     @property
-    def sides(self) -> tuple[Counts, Counts]:
-        """The excess of either receiver as the counts that they are: errors a frame at a time."""
-        frames, bits, *sums = astuple(self)
-        return Counts(frames, bits, *sums[:3]), Counts(frames, bits, *sums[3:])
+    def frames(self) -> int:
+        """Frames compared."""
+        return self.a.frames
 
     @property
     def half_difference(self) -> int:
         """Sum over the frames of a's half errors less b's."""
-        return self.a_excess - self.b_excess
+        return self.a.half_errors - self.b.half_errors
 
     @property
     def half_difference_squared(self) -> int:
         """Sum over the frames of the square of a's half errors less b's."""
-        return self.a_excess_squared + self.b_excess_squared
+        return self.a.half_errors_squared + self.b.half_errors_squared
 
     @property
     def spread(self) -> int:
@@ -77,7 +71,7 @@ class PairedCounts(Tally):
     @property
     def discordant(self) -> int:
         """Frames in which one receiver had more errors than the other."""
-        return self.a_worse + self.b_worse
+        return self.a.frame_errors + self.b.frame_errors
 
 
 def paired_interval(
@@ -107,16 +101,16 @@ def paired_interval(
             of a frame; used only where no frame differs.
 
     Example:
-        >>> interval = paired_interval(PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
+        >>> a, b = Counts(2000, 128_000, 60, 160, 25), Counts(2000, 128_000, 20, 40, 10)
+        >>> interval = paired_interval(PairedCounts(a, b))
         >>> f"{interval.value:.2e} in [{interval.low:.2e}, {interval.high:.2e}]", interval.real
         ('1.56e-04 in [4.27e-05, 2.86e-04]', True)
     """
-    sides = paired.sides
     if not paired.discordant:
-        limit = ber_interval(sides[0], confidence, errors_per_discordant_frame).high
+        limit = ber_interval(paired.a, confidence, errors_per_discordant_frame).high
         return Estimate(0.0, -limit, limit)
-    a, b = (excess_interval(side, paired, confidence) for side in sides)
-    correlation = _correlation(sides[0].spread, sides[1].spread, paired.spread)
+    a, b = (excess_interval(of, paired, confidence) for of in (paired.a, paired.b))
+    correlation = _correlation(paired.a.spread, paired.b.spread, paired.spread)
     return a.less(b, correlation).clipped(-1.0, 1.0)
 
 
@@ -135,8 +129,8 @@ def excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> Es
         paired: the comparison, at least one frame of which differs.
         confidence: above 0, below 1.
     """
-    leds, rate = paired.bits / paired.frames, side.ber
-    summed = paired.a_excess + paired.b_excess
+    leds, rate = side.bits / side.frames, side.ber
+    summed = paired.a.half_errors + paired.b.half_errors
     common = paired.half_difference_squared / summed
     size = (side.half_errors_squared + common**2) / (side.half_errors + common) / 2
     effect = leds
@@ -165,10 +159,10 @@ def sign_test(paired: PairedCounts) -> float:
         The p-value, 0 to 1; 1 where no frame differs.
 
     Example:
-        >>> sign_test(PairedCounts(64, 4096, a_excess=12, a_excess_squared=24, a_worse=6))
+        >>> sign_test(PairedCounts(Counts(64, 4096, 12, 24, 6)))
         0.03125
     """
-    fewer, larger = sorted((paired.a_worse, paired.b_worse))
+    fewer, larger = sorted((paired.a.frame_errors, paired.b.frame_errors))
     # At even odds both tails are alike; where the sides are too, they overlap.
     return min(1.0, 2 * float(betainc(larger, fewer + 1, 0.5)))
 
@@ -203,7 +197,8 @@ def relative_gain(
 
     Example:
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
-        >>> gain = relative_gain(a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
+        >>> more, fewer = Counts(2000, 128_000, 60, 160, 25), Counts(2000, 128_000, 20, 40, 10)
+        >>> gain = relative_gain(a, b, PairedCounts(more, fewer))
         >>> f"{gain.value:.2f} in [{gain.low:.2f}, {gain.high:.2f}]", gain.real
         ('0.25 in [0.08, 0.42]', True)
     """
@@ -251,7 +246,8 @@ def mean_gain(
 
     Example:
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
-        >>> both = a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10)
+        >>> more, fewer = Counts(2000, 128_000, 60, 160, 25), Counts(2000, 128_000, 20, 40, 10)
+        >>> both = a, b, PairedCounts(more, fewer)
         >>> one, four = mean_gain([both]), mean_gain([both] * 4)
         >>> f"{one.high - one.value:.2f} {four.high - four.value:.2f}"
         '0.17 0.09'
@@ -361,7 +357,8 @@ def rate_ratio(
 
     Example:
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
-        >>> ratio = rate_ratio(a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
+        >>> more, fewer = Counts(2000, 128_000, 60, 160, 25), Counts(2000, 128_000, 20, 40, 10)
+        >>> ratio = rate_ratio(a, b, PairedCounts(more, fewer))
         >>> f"{ratio.value:.2f} in [{ratio.low:.2f}, {ratio.high:.2f}]", ratio.leaves_out(1)
         ('0.75 in [0.58, 0.92]', True)
     """

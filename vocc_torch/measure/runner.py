@@ -20,10 +20,11 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure import intervals
 from vocc_torch.measure.config import Budget, Experiment
 from vocc_torch.measure.counts import Counts, half_errors
-from vocc_torch.measure.executors import Call, Workers
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.pools import Call
 from vocc_torch.measure.store import Store
 from vocc_torch.receiver.deciders import Bank, needs_preambles
 from vocc_torch.receiver.locators import PanelLocator

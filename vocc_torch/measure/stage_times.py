@@ -9,7 +9,10 @@ import numpy as np
 import torch
 
 from vocc_torch.arrays import Floats
-from vocc_torch.measure import estimate, link, plan, timing
+from vocc_torch.measure import timing
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.link import rendered
+from vocc_torch.measure.plan import World
 from vocc_torch.receiver.deciders import Decider, Preambles, needs_preambles
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.reader import Reader, Readings
@@ -42,7 +45,7 @@ class StageTimes:
 
     rounds_ms: Mapping[str, Floats]
 
-    def stage(self, name: str) -> estimate.Estimate:
+    def stage(self, name: str) -> Estimate:
         """Median of a stage with its quartiles, ms."""
         return timing.median_of(self.rounds_ms[name])
 
@@ -52,7 +55,7 @@ class StageTimes:
         return rounds
 
     @property
-    def total(self) -> estimate.Estimate:
+    def total(self) -> Estimate:
         """Median of the whole time with its quartiles, ms: the stages are added round by round."""
         return timing.median_of(self.summed(STAGES))
 
@@ -74,7 +77,7 @@ class Exposure:
     @classmethod
     def of(
         cls,
-        world: plan.World,
+        world: World,
         model: SceneModel,
         keys: Sequence[BlockKey],
         *,
@@ -90,9 +93,7 @@ class Exposure:
         """
         simulator, frames = world.simulator(), len(keys) * BLOCK_FRAMES
         batch = range(0, frames, frames)
-        ((scene, _, names, takes),) = link.rendered(
-            simulator, model, keys, batch, preambles
-        )
+        ((scene, _, names, takes),) = rendered(simulator, model, keys, batch, preambles)
         first, *lit = (take.to("cpu") for take in takes)
         return cls(first, simulator.true_panels(scene, names), tuple(lit))
 

@@ -128,7 +128,9 @@ def mean_difference(
         confidence: above 0, below 1.
     """
     # If no frame differs, the assumed discordant frame has the same difference in all trainings.
-    size = float(len(a.counts)) if pooled.bits >= len(a.counts) * pooled.frames else 1.0
+    size = (
+        float(len(a.counts)) if pooled.a.bits >= len(a.counts) * pooled.frames else 1.0
+    )
     frames = paired_interval(pooled, confidence, size)
     scatter = np.subtract(a.rates, b.rates).tolist()
     return widened(frames, scatter, confidence).clipped(-1.0, 1.0)
