@@ -7,7 +7,7 @@ until the stop rule holds. Workers, batches and interruptions do not change the 
 
 import itertools
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -364,21 +364,18 @@ def count(
                 if point.stopped_by and call.cancel():
                     del calls[call]
     finally:
-        done = {call for call in calls if not call.cancel() and call.done()}
-        with suppress(Exception):  # what ended the run is the error to tell of
-            _record(done, calls, workers)
+        for call in [*calls]:
+            if not call.cancel() and call.done():
+                with suppress(Exception):  # what ended the run is the error to tell of
+                    _record([call], calls, workers)
 
 
-def _record(done: set[Call], calls: Calls, workers: Workers) -> None:
-    """Record the calls that have come back, before the error of another call is raised."""
-    back, errors = [(call, *calls.pop(call)) for call in done], list[Exception]()
+def _record(done: Collection[Call], calls: Calls, workers: Workers) -> None:
+    """Record what has come back."""
     with ExitStack() as together:  # one wait for the disk
-        for store in {point.store for _, point, _ in back if point.store is not None}:
-            together.enter_context(store.together())
-        for call, point, parts in back:
-            try:
-                point.record(parts, workers.result(call))
-            except Exception as error:
-                errors.append(error)
-    if errors:
-        raise errors[0]
+        for store in {calls[call][0].store for call in done}:
+            if store is not None:
+                together.enter_context(store.together())
+        for call in done:
+            point, parts = calls.pop(call)
+            point.record(parts, workers.result(call))
