@@ -49,7 +49,7 @@ class WorkerPool(NamedTuple):
     """Runs calls in other processes.
 
     Args:
-        submit: hands out :func:`~vocc_torch.measure.worker.called` with three arguments.
+        submit: hands out :func:`called` with three arguments.
         slots: gives the number of calls that run at the same time; nodes may come and go.
         end: starts no further call; its argument says whether running calls are ended at once.
     """
@@ -132,10 +132,15 @@ def dask_pool(distributed: Any, address: str) -> WorkerPool:
     """
     client = distributed.Client(address, timeout=LIMITS.connect_s, set_as_default=False)
     executor = client.get_executor(pure=False)
+
+    def end(_: bool) -> None:
+        executor.shutdown(wait=False)
+        client.close()
+
     return WorkerPool(
         functools.partial(executor.submit, called),
         lambda: sum(client.nthreads().values()) or 1,
-        lambda _: client.close(),
+        end,
     )
 
 

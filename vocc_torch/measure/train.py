@@ -3,7 +3,7 @@
 import pickle
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -294,7 +294,7 @@ def settings_used(settings: Settings, receiver: Receiver) -> Settings:
     name, locators = locator_words(receiver.locator)
     location = settings.receiver.location
     limits = settings_of_locator.get("paper", settings_of_locator)
-    known = {key: limits[key] for key in vars(location) if key in limits}
+    known = {key: limits[key] for key in asdict(location) if key in limits}
     named = replace(
         settings.receiver,
         save=receiver.name,
