@@ -93,7 +93,10 @@ class Grid:
             confidence, of_limits = 1 - 2 * tail, 1 - tail
         counts = self.counts(receiver)
         sizes = np.array(
-            [[of.bit_errors / max(1, of.frame_errors) for of in row] for row in counts]
+            [
+                [cell.bit_errors / max(1, cell.frame_errors) for cell in row]
+                for row in counts
+            ]
         )
         cells = []
         for i, row in enumerate(counts):

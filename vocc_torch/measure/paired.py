@@ -109,7 +109,7 @@ def paired_interval(
     if not paired.discordant:
         limit = ber_interval(paired.a, confidence, errors_per_discordant_frame).high
         return Estimate(0.0, -limit, limit)
-    a, b = (excess_interval(of, paired, confidence) for of in (paired.a, paired.b))
+    a, b = (excess_interval(side, paired, confidence) for side in (paired.a, paired.b))
     correlation = _correlation(paired.a.spread, paired.b.spread, paired.spread)
     return a.less(b, correlation).clipped(-1.0, 1.0)
 

@@ -328,7 +328,10 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     effects = {effect.name: _plain(effect) for effect in built}
     for name, part in plug_ins(plan.world.effects).items():
         effects[name] |= {"plug_in": _plain(part)}
-    releases = {of.__name__: of.__version__.rpartition(".")[0] for of in (torch, np)}
+    releases = {
+        package.__name__: package.__version__.rpartition(".")[0]
+        for package in (torch, np)
+    }
     return {
         "seed": plan.seed,
         "world": {**settings["world"], "effects": effects},

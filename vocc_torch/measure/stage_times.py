@@ -140,8 +140,8 @@ def time_stages(
         timing.settle_memory()
     starts = range(0, len(exposure.frames) - batch + 1, batch)
     working = {
-        name: of._replace(decider=of.decider.to(device))
-        for name, of in receivers.items()
+        name: receiver._replace(decider=receiver.decider.to(device))
+        for name, receiver in receivers.items()
     }
     rounds: dict[str, list[list[float]]] = {name: [] for name in receivers}
     for turn in range(1 + repeats):

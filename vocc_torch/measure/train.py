@@ -147,7 +147,11 @@ def lessons_of(plan: Plan) -> list[Lesson]:
         for recipe in receiver.classifiers
     ]
     numbers = range(plan.budget.trainings)
-    return [Lesson(replace(plan, receiver=of), at) for at in numbers for of in alone]
+    return [
+        Lesson(replace(plan, receiver=part), number)
+        for number in numbers
+        for part in alone
+    ]
 
 
 def assembled(plan: Plan, learned: Sequence[Training]) -> Training:
