@@ -55,14 +55,12 @@ class Law:
     def paired(self, drawn: NDArray[np.int64]) -> list[PairedCounts]:
         """Compare the first receiver with the second in each study."""
         difference, frames = self.halves[:, 0] - self.halves[:, 1], drawn.sum(axis=1)
-        columns = [
-            column
-            for side in (np.maximum(difference, 0), np.maximum(-difference, 0))
-            for column in (side, side**2, side > 0)
-        ]
-        sums = drawn @ np.stack(columns, axis=1)
-        rows = zip(frames.tolist(), sums.tolist(), strict=True)
-        return [PairedCounts(count, BITS * count, *row) for count, row in rows]
+        sides = []
+        for side in (np.maximum(difference, 0), np.maximum(-difference, 0)):
+            sums = drawn @ np.stack([side, side**2, side > 0], axis=1)
+            rows = zip(frames.tolist(), sums.tolist(), strict=True)
+            sides.append([Counts(count, BITS * count, *row) for count, row in rows])
+        return [PairedCounts(*pair) for pair in zip(*sides, strict=True)]
 
 
 def of_bits(share: NDArray[np.float64]) -> Law:

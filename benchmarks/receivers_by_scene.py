@@ -132,8 +132,9 @@ def count(receivers: Receivers, scene: str, corners: list[str], frames: int) -> 
     for (at, name), parts in scores.items():
         score, there = torch.cat(parts), torch.cat(found[at])
         wrong = half_errors(score >= 0, bits, there)
-        numbers = torch.stack([wrong, there, ~there, 0 * wrong]).numpy()
-        (counts,) = FrameErrors(numbers, world.panel.shape.leds).counts
+        table = torch.stack([wrong, there, ~there])[:, None].numpy()
+        groups, leds = 0 * table[0, 0], world.panel.shape.leds
+        (counts,) = FrameErrors(table, groups, leds).counts
         rate, ratios = ber_interval(counts), receivers[name].calibration(score[there])
         errors = calibration_error(score[there], bits[there]) if name in RATIOS else ""
         row = [

@@ -1,5 +1,7 @@
 """Counts and comparisons of receivers from their wrong bits by frame."""
 
+import itertools
+
 import numpy as np
 
 from vocc_torch.measure.curve import Curves, Point
@@ -11,14 +13,15 @@ def errors_of(half_errors, leds, found=None, keys=(), misplaced=None, groups=Non
     found = np.ones_like(half_errors) if found is None else found
     misplaced = np.zeros_like(half_errors) if misplaced is None else misplaced
     groups = np.zeros_like(half_errors[0]) if groups is None else groups
-    numbers = np.vstack([half_errors, found, misplaced, groups])
-    return FrameErrors(numbers, leds, keys)
+    table = np.stack([half_errors, found, misplaced]).astype(np.int64)
+    return FrameErrors(table, groups, leds, tuple(keys))
 
 
 def tallies(half_errors, leds, found):
     """Counts by receiver, and comparisons by (a, b), from (L,N) half errors."""
     errors = errors_of(half_errors, leds, found)
-    return errors.counts, errors.pairs
+    places = itertools.combinations(range(len(half_errors)), 2)
+    return errors.counts, {(a, b): errors.pair(a, b) for a, b in places}
 
 
 def compared(a_bits, b_bits, bits=64):

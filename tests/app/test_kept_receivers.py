@@ -135,9 +135,10 @@ def test_a_ledger_gives_back_what_was_trained(learned, tmp_path, monkeypatch):
         training, classifiers={"lmmse": training.classifiers["lmmse"]}, frames=31
     )
     with Store.open(tmp_path / "a.sqlite", {}) as ledger:
-        keep(ledger, key, plan, replace(training, further=(more,)))
+        keep(ledger, key, plan, training)
+        keep(ledger, "more", plan, more)
     with Store.open(tmp_path / "a.sqlite", {}) as ledger:
-        again = find(ledger, key, plan)
+        again, more_again = (find(ledger, of, plan) for of in (key, "more"))
         assert find(ledger, training_key(replace(plan, seed=1)), plan) is None
         # Whatever its network knows, this one comes back with other weights.
         net = training.classifiers["mlp"]
@@ -148,7 +149,7 @@ def test_a_ledger_gives_back_what_was_trained(learned, tmp_path, monkeypatch):
         keep(ledger, changed, plan, replace(training, classifiers={"mlp": net}))
         assert ledger.find(changed, 0, 0) is None
     drawn = torch.Generator().manual_seed(7)
-    for one, back in ((training, again), (more, again.further[0])):
+    for one, back in ((training, again), (more, more_again)):
         assert (one.frames, one.missed, one.costs) == (
             back.frames,
             back.missed,

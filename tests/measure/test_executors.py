@@ -1,7 +1,6 @@
 """Who counts: the same results from processes as from one, no trace of them, one line for errors."""
 
 import os
-import pickle
 import signal
 import sys
 import time
@@ -15,11 +14,11 @@ import torch
 from composing import composed
 from one_point import banks, job_of
 
-from vocc_torch import plugins
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import executors
-from vocc_torch.measure.executors import WorkerPool, Workers, about_run, called
+from vocc_torch.measure import executors, pools
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.plan import Experiment, resolve_device
+from vocc_torch.measure.pools import WorkerPool, called
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.sweep import curves_at, outcomes
 from vocc_torch.measure.train import train
@@ -64,9 +63,18 @@ def results(sweeps, workers, progress=lambda *_: None, store=None):
         found[job.plan.experiment.name][value] = outcome
     plans = {job.plan.experiment.name: job.plan for job in jobs}
     return {
-        name: {of: vars(curves_at(plan, of, found[name])) for of in LOCATORS}
+        name: {of: stated(curves_at(plan, of, found[name])) for of in LOCATORS}
         for name, plan in plans.items()
     }
+
+
+def stated(curves):
+    """All that a curve says: rows, counts, and errors by frame."""
+    packed = {
+        value: [errors.packed() for errors in both]
+        for value, both in curves.errors.items()
+    }
+    return {**vars(curves), "errors": packed}
 
 
 IS_DEAF = (
@@ -187,84 +195,6 @@ def test_no_number_is_one_a_core(monkeypatch):
     assert (Workers(1).window, Workers(2).window) == (1, 4)
 
 
-# What a worker does
-
-
-def test_a_node_of_another_release_is_refused_by_its_name():
-    expected, files = pickle.loads(about_run("ray"))
-    other = pickle.dumps((expected.replace("torch ", "torch 9"), files))
-    well, error = pickle.loads(called(other, pickle.dumps(abs), pickle.dumps(-3)))
-    assert (well, type(error)) == (False, VoccError)
-    assert f"has {expected}, and this run vocc_torch 9" in str(error)
-    assert str(error).endswith(": give every node the same releases")
-
-
-class StubbornError(Exception):
-    """An error that no other process can read."""
-
-    def __reduce__(self):
-        return int, ("no number",)
-
-
-def fail(kind):
-    raise kind("why")
-
-
-@pytest.mark.parametrize(
-    ("kind", "arrived"),
-    [
-        (VoccError, VoccError),
-        (MemoryError, MemoryError),
-        (StubbornError, RuntimeError),
-    ],
-)
-def test_an_error_of_a_call_comes_back_as_a_value(kind, arrived):
-    well, error = pickle.loads(
-        called(about_run("ray"), pickle.dumps(fail), pickle.dumps(kind))
-    )
-    assert (well, type(error)) == (False, arrived)
-    assert str(error).strip().endswith("why")
-
-
-def test_the_users_files_go_along_to_another_machine(tmp_path, monkeypatch):
-    """With what they import from beside them; there they are read from the copies."""
-    for name in ("READ", "COPIES", "EXPECTED"):
-        monkeypatch.setattr(plugins, name, type(getattr(plugins, name))())
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    path = tmp_path / "mine_to_carry.py"
-    monkeypatch.syspath_prepend(str(tmp_path))
-    path.write_text("from beside_to_carry import TWO\nANSWER = 40 + TWO")
-    (tmp_path / "beside_to_carry.py").write_text("TWO = 2")
-    digest, answer = (
-        plugins.ModuleFile(str(path)).digest,
-        plugins.ModuleFile(str(path)).named("ANSWER"),
-    )
-    (_, files) = pickle.loads(about_run("ray"))
-    with pytest.raises(
-        VoccError,
-        match=r"executor.kind is dask: .*mine_to_carry.py cannot go with dask",
-    ):
-        about_run("dask")
-    text = path.read_text()
-    path.write_text("ANSWER = 43")
-    with pytest.raises(
-        VoccError, match=r"mine_to_carry.py has changed since this run began"
-    ):
-        about_run("ray")
-    # There, neither file lies where it was.
-    path.unlink()
-    (tmp_path / "beside_to_carry.py").unlink()
-    for name in [one for one in sys.modules if "to_carry" in one]:
-        monkeypatch.delitem(sys.modules, name)
-    plugins.receive(files)
-    there = plugins.ModuleFile(str(path))
-    assert (there.digest, there.named("ANSWER"), there.place.read_text()) == (
-        digest,
-        answer,
-        text,
-    )
-
-
 # Refused in one line
 
 
@@ -350,7 +280,7 @@ def test_unasked_it_begins_here_and_takes_processes(monkeypatch):
         opened.append(count)
         return pool_here(count, ended=ended.append)
 
-    monkeypatch.setattr(executors, "process_pool", open_pool)
+    monkeypatch.setattr(pools, "process_pool", open_pool)
     monkeypatch.setattr(executors, "LIMITS", replace(executors.LIMITS, patience_s=0.05))
     monkeypatch.setattr(executors.timing, "usable_cores", lambda: 64)
     with Workers(None) as pool:
@@ -373,7 +303,7 @@ def test_a_cluster_is_never_given_more_at_a_time_than_was_asked_for(
     slots, count, window, monkeypatch
 ):
     monkeypatch.setitem(sys.modules, "ray", SimpleNamespace())
-    monkeypatch.setattr(executors, "ray_pool", lambda *_: pool_here(slots))
+    monkeypatch.setattr(pools, "ray_pool", lambda *_: pool_here(slots))
     with Workers(count, "ray") as pool:
         assert pool.window == window
 
@@ -387,7 +317,7 @@ class NodeDiedError(Exception):
 def test_a_call_that_a_cluster_lost_for_good_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", SimpleNamespace())
     lost = pool_here(lost=NodeDiedError("gone"))
-    monkeypatch.setattr(executors, "ray_pool", lambda *_: lost)
+    monkeypatch.setattr(pools, "ray_pool", lambda *_: lost)
     refusal = r"^a cluster lost a task 3 times \(NodeDiedError: gone\): .*start again to go on$"
     with Workers(2, "ray") as pool, pytest.raises(VoccError, match=refusal):
         pool.result(pool.submit(abs, -1))

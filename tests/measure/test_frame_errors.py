@@ -44,6 +44,6 @@ def test_pairs_are_those_of_the_decided_bits():
         apart = [x - y for x, y in zip(wrong[a], wrong[b], strict=True)]
         sides = [[max(d, 0) for d in apart], [max(-d, 0) for d in apart]]
         sums = [(sum(s), sum(d * d for d in s), sum(d > 0 for d in s)) for s in sides]
-        assert pair == PairedCounts(90, 810, *sums[0], *sums[1])
+        assert pair == PairedCounts(*(Counts(90, 810, *of) for of in sums))
     with pytest.raises(TypeError):
         _ = PairedCounts() + Counts()

@@ -7,6 +7,7 @@ import pytest
 from made_up_tallies import compared
 from scipy.stats import binomtest
 
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.paired import (
     PairedCounts,
     paired_interval,
@@ -20,12 +21,9 @@ def of_differences(bits_apart, bits=BITS):
     """Counts from each frame's wrong bits of a less those of b."""
     halves = np.rint(2 * np.asarray(bits_apart, dtype=np.float64)).astype(np.int64)
     sides = [np.maximum(halves, 0), np.maximum(-halves, 0)]
-    sums = [
-        int(value)
-        for side in sides
-        for value in (side.sum(), (side**2).sum(), (side > 0).sum())
-    ]
-    return PairedCounts(len(halves), bits * len(halves), *sums)
+    sums = [map(int, (of.sum(), (of**2).sum(), (of > 0).sum())) for of in sides]
+    frames = len(halves)
+    return PairedCounts(*(Counts(frames, bits * frames, *of) for of in sums))
 
 
 # Coverage. Each case draws (studies, frames) differences in bits and has the mean it was made for.
@@ -116,7 +114,7 @@ def test_single_bit_differences_give_newcombes_square_and_add_of_exact_intervals
 @pytest.mark.parametrize("frame_count", [1, 64, 2000])
 def test_no_frame_that_differs_gives_the_binomials_limit_on_both_sides(frame_count):
     ours = paired_interval(
-        PairedCounts(frame_count, BITS * frame_count), errors_per_discordant_frame=16.0
+        of_differences(np.zeros(frame_count)), errors_per_discordant_frame=16.0
     )
     assert ours.low == -ours.high
     assert ours.value == 0
@@ -142,9 +140,9 @@ def padded(*groups, frames=2000):
 
 
 def test_the_papers_improvement_is_a_share_of_the_first_rate():
-    a, b, paired = padded((66, 1, 0), (200, 1, 1), frames=8000)
-    assert relative_gain(a, b, paired).value == pytest.approx(66 / 266)
-    loss = relative_gain(b, a, paired.swapped())
+    gain = relative_gain(*padded((66, 1, 0), (200, 1, 1), frames=8000))
+    assert gain.value == pytest.approx(66 / 266)
+    loss = relative_gain(*padded((66, 0, 1), (200, 1, 1), frames=8000))
     assert loss.value == pytest.approx(-66 / 200)
     assert loss.real
 

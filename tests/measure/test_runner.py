@@ -279,7 +279,8 @@ def test_a_blocks_bytes_are_its_numbers_and_others_are_refused():
     groups = rng.integers(-1, 3, 10)
     errors = errors_of(halves, LEDS, flags[0], keys, flags[1], groups)
     read = FrameErrors.unpacked(errors.packed(), 10, LEDS, keys)
-    assert np.array_equal(read.numbers, errors.numbers)
+    assert np.array_equal(read.table, errors.table)
+    assert np.array_equal(read.groups, errors.groups)
     assert read.keys == keys
     assert read.counts == errors.counts
     bomb = errors_of(np.zeros((2, 10**6), np.int64), LEDS).packed()

@@ -1,13 +1,12 @@
 """Each time is that of the stage, the receiver and the batch that it is told for."""
 
 import itertools
-from functools import partial
 
 import pytest
 import torch
 
 from vocc_torch.measure import link, stage_times
-from vocc_torch.measure.stage_times import STAGES, Exposure, TimedReceiver
+from vocc_torch.measure.stage_times import Exposure, TimedReceiver
 from vocc_torch.receiver.classifiers import Inputs, PanelOtsu, Patch
 from vocc_torch.receiver.classifiers.protocol import Guarded
 from vocc_torch.receiver.deciders import bank_of
@@ -45,98 +44,57 @@ RECEIVERS = {
 }
 
 
-@pytest.fixture(scope="module")
-def recorded(make_plan):
-    """Times that are the numbers of calls, and what each of these calls did, by number.
-
-    On far panels in the middle of the paper's sensor.
-    """
+def test_each_stage_is_the_receivers_own_on_one_batch(make_plan, monkeypatch):
+    """Times are the numbers of calls, on far panels in the middle of the paper's sensor."""
     given = {
         "ambient_lx": ("constant", (1000.0,)),
         "distance_m": ("uniform", (60.0, 70.0)),
     }
     scene = SceneModel(**{name: Distribution(*one) for name, one in given.items()})
     camera = Camera(width_px=480, height_px=272, sensor_width_mm=3.3)
+    world = make_plan(scene=scene, camera=camera).world
     keys = link.block_keys(0, "timed", 64)
-    exposure = Exposure.of(
-        make_plan(scene=scene, camera=camera).world, scene, keys, preambles=True
-    )
-    log, made, numbers = [], {}, itertools.count(1)
-    chain = stage_times.chain
+    exposure = Exposure.of(world, scene, keys, preambles=True)
+    log = [None]
 
-    def spied(name, one, device):
-        def call(stage, run, batch):
-            ended = run(batch)
-            log.append((stage, one, batch, ended))
-            return ended
+    def numbered(device, call, *arguments):
+        log.append((arguments, result := call(*arguments)))
+        return result, len(log) - 1
 
-        return {
-            stage: (key, partial(call, stage, run))
-            for stage, (key, run) in chain(name, one, device).items()
-        }
-
-    def numbered(calls, repeats, device, *, warm_up, primed):
-        assert (warm_up, primed) == (1, True)
-        timed = {}
-        for name, call in calls.items():
-            log.clear()
-            call()
-            number = next(numbers)
-            made[number] = tuple(log)
-            timed[name] = (float(number),) * repeats
-        return timed
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stage_times, "chain", spied)
-        patch.setattr(stage_times.timing, "interleaved", numbered)
-        named = {str(key): one for key, one in RECEIVERS.items()}
-        return stage_times.time_stages(named, exposure, BATCH, 2, CPU), made
-
-
-def test_each_stage_is_the_receivers_own_on_one_batch(recorded):
-    times, made = recorded
+    monkeypatch.setattr(stage_times, "timed", numbered)
+    times = stage_times.time_stages(RECEIVERS, exposure, BATCH, 2, CPU)
     corners = {}
     for key, one in RECEIVERS.items():
-        rounds = times[str(key)].rounds_ms
-        numbers = {
-            stage: round(rounds[stage][0] * BATCH / 1e3)
-            for stage in STAGES
-            if stage != "preambles"
+        rounds = {
+            stage: ms[0] * BATCH / 1e3 for stage, ms in times[key].rounds_ms.items()
         }
-        did = {stage: made[number] for stage, number in numbers.items() if number}
+        twice = rounds.pop("preambles")
+        did = {stage: log[round(number)] for stage, number in rounds.items() if number}
         absent = {"locate"} if one.locator is None else set()
         absent |= {"rectify"} if key[1] == "center_greyscale" else set()
-        assert set(STAGES) - set(did) == absent | {"preambles"}, key
-        ((_, own, batch, readings),) = did["features"]
-        assert own == one
-        frames, panels = batch["read",], batch["locate", one.locator]
+        assert set(rounds) - set(did) == absent, key
+        frames = did["read"][1]
         assert (frames.grey.dtype, len(frames)) == (torch.uint8, BATCH)
-        assert torch.equal(
-            corners.setdefault(one.locator, panels.corners_px), panels.corners_px
-        )
-        if "rectify" in did:
-            samples = one.reader.samples_per_led
-            patches = did["rectify"][0][-1]
-            side = (8 + 2) * samples
-            assert (patches.dtype, patches.shape) == (
-                torch.float32,
-                (BATCH, 1, side, side),
-            )
-            assert torch.equal(batch["rectify", one.locator, samples], patches)
+        (measured, panels, patches, _), readings = did["features"]
+        assert measured is frames
+        seen = corners.setdefault(one.locator, panels.corners_px)
+        assert seen is panels.corners_px
         if "locate" in did:
-            assert torch.equal(did["locate"][0][-1].corners_px, panels.corners_px)
+            assert did["locate"][0][0] is frames
+            assert did["locate"][1] is panels
+        if "rectify" in did:
+            side = (8 + 2) * one.reader.samples_per_led
+            assert did["rectify"][0] == ([frames], panels)
+            assert did["rectify"][1][0] is patches
+            size = BATCH, 1, side, side
+            assert (patches.dtype, patches.shape) == (torch.float32, size)
         # What is decided on is what this receiver has measured, on the same batch.
-        ((_, own, decided, bits),) = did["classify"]
-        assert own == one
-        measured = decided["features", str(key)]
-        assert torch.equal(measured.features, readings.features)
-        lit = decided.get(("preambles", str(key)))
+        (decider, decided, lit), bits = did["classify"]
+        assert (decider.name, decided) == (key[1], readings)
         assert (lit is not None) == (key[1] in GREYSCALE)
-        assert torch.equal(bits, one.decider.score(measured, lit) >= 0)
+        assert torch.equal(bits, one.decider.score(readings, lit) >= 0)
         # Two frames of known bits are read and measured for each.
-        one_more = rounds["read"][0] + rounds["rectify"][0] + rounds["features"][0]
-        assert rounds["preambles"][0] == pytest.approx(
-            2 * one_more * (key[1] in GREYSCALE)
-        )
+        measuring = sum(rounds[stage] for stage in ("read", "rectify", "features"))
+        assert twice == pytest.approx(2 * measuring * (key[1] in GREYSCALE))
     for a, b in itertools.combinations(corners.values(), 2):
         assert not torch.equal(a, b)

@@ -1,7 +1,7 @@
 """From the settings to a study's plan, and from a classifier's settings to the classifier."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -10,7 +10,6 @@ import torch
 from vocc_torch.distributions import SCENE_FIELDS, parsed_scene
 from vocc_torch.errors import VoccError, demand_word, section
 from vocc_torch.hardware import LedPanel, PanelShape
-from vocc_torch.measure import plan as plans
 from vocc_torch.measure.config import (
     ClassifierSettings,
     PanelSettings,
@@ -19,21 +18,25 @@ from vocc_torch.measure.config import (
     WorldSettings,
     effect_settings,
 )
+from vocc_torch.measure.plan import ClassifierPlan, Plan, ReceiverPlan, World
+from vocc_torch.measure.schema import typed
 from vocc_torch.plugins import TARGET, PlugIn, is_target
-from vocc_torch.receiver import deciders, reader
-from vocc_torch.receiver.classifiers import Inputs, training
+from vocc_torch.receiver.classifiers import Inputs
+from vocc_torch.receiver.classifiers.training import TrainingRecipe
+from vocc_torch.receiver.deciders import FLDA_FEATURES, RECEIVER_NAMES
 from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.locators import PaperLocator
+from vocc_torch.receiver.reader import Reader
 from vocc_torch.simulation.scene import SceneModel
 from vocc_torch.types import resolve_device
 
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 
-RESERVED = (*deciders.RECEIVER_NAMES, "flda", "_summary")
+RESERVED = (*RECEIVER_NAMES, "flda", "_summary")
 """Names that no classifier may have: those of receivers, and of the board that compares them."""
 
 
-def build_world(settings: WorldSettings) -> plans.World:
+def build_world(settings: WorldSettings) -> World:
     """Build scene, camera and panel, and check every value.
 
     Args:
@@ -57,7 +60,7 @@ def build_world(settings: WorldSettings) -> plans.World:
             if value is not None
         }
         camera = replace(settings.camera, **changes)
-    return plans.World(
+    return World(
         camera=camera,
         panel=build_panel(settings.panel),
         scene=SceneModel(
@@ -81,7 +84,7 @@ def build_panel(settings: PanelSettings) -> LedPanel:
     return LedPanel(shape=PanelShape(panel.pop("rows"), panel.pop("columns")), **panel)
 
 
-def build_plan(settings: Settings) -> plans.Plan:
+def build_plan(settings: Settings) -> Plan:
     """Build the plan that a configuration describes, checking every value on the way.
 
     Raises:
@@ -98,12 +101,12 @@ def build_plan(settings: Settings) -> plans.Plan:
         settings, world.panel, settings.task in ("train", "decode", "receive")
     )
     draws = (settings.seed, settings.batch_frames)
-    return plans.Plan(world, receivers, settings.experiment, budget, *draws)
+    return Plan(world, receivers, settings.experiment, budget, *draws)
 
 
 def receiver_plan(
     settings: ReceiverParts, panel: LedPanel, single: bool = False
-) -> plans.ReceiverPlan:
+) -> ReceiverPlan:
     """Build the plan of the receivers, with every part that plugs in.
 
     Args:
@@ -126,7 +129,7 @@ def receiver_plan(
         raise VoccError.of(
             "receiver.cells", repr(receiver.cells), "resampled or pixels"
         )
-    built = reader.Reader(
+    built = Reader(
         panel.shape,
         receiver.samples_per_led,
         kernel,  # type: ignore[arg-type]  # checked there
@@ -149,7 +152,7 @@ def receiver_plan(
             "flda",
             "vocc_torch.receiver.classifiers.FldaClassifier",
         )
-        plugged_in.append(plans.ClassifierPlan("flda", flda, Inputs((*chosen,))))
+        plugged_in.append(ClassifierPlan("flda", flda, Inputs((*chosen,))))
     save = receiver.save
     if save is None and len(plugged_in) > 1 and single:
         rule = f"one of {', '.join(plan.name for plan in plugged_in)}, the receiver that is kept"
@@ -157,12 +160,12 @@ def receiver_plan(
         raise VoccError.of("receiver.save", "null", rule)
     if save is None:
         save = plugged_in[0].name if len(plugged_in) == 1 else "flda_3"
-    savable = *deciders.FLDA_FEATURES, *(plan.name for plan in plugged_in)
+    savable = *FLDA_FEATURES, *(plan.name for plan in plugged_in)
     demand_word("receiver.save", save, savable)
     rates = (
         {} if receiver.false_alarms is None else {"false_alarms": receiver.false_alarms}
     )
-    return plans.ReceiverPlan(
+    return ReceiverPlan(
         names=(*receiver.names, *(plan.name for plan in plugged_in)),
         classifiers=tuple(plugged_in),
         locator=locator,
@@ -199,7 +202,7 @@ def part_name(key: str, text: str, parts: dict[str, PlugIn]) -> str:
 
 def classifier_plan(
     name: str, config: ClassifierSettings, features: Sequence[str] = FEATURE_NAMES
-) -> plans.ClassifierPlan:
+) -> ClassifierPlan:
     """Build the plan of a classifier that plugs in, checking its settings.
 
     Args:
@@ -216,22 +219,18 @@ def classifier_plan(
             f"{key}: a classifier's name must be a word, and none of {', '.join(RESERVED)}"
         )
     with section(key):
-        keys = {option.name for option in fields(training.TrainingRecipe)}
-        for word in config.training:
-            if word not in keys:
-                raise VoccError(
-                    f"training.{word} is not a known key: known are {', '.join(sorted(keys))}"
-                )
+        with section("training"):
+            recipe = typed(TrainingRecipe, config.training)
         arguments = dict(config.build)
         if config.file is not None:
             arguments[TARGET] = f"{config.file}:{arguments.get(TARGET)}"
         build = PlugIn.of(f"{key}.build", arguments, name)
         refuse_unused_recipe(config, build)
-        return plans.ClassifierPlan(
+        return ClassifierPlan(
             name=name,
             build=build,
             inputs=Inputs.parse(config.inputs, features),
-            training=training.TrainingRecipe(**config.training),
+            training=recipe,
             frames=config.frames,
             scene=parsed_scene(config.scene),
         )
@@ -260,8 +259,8 @@ def refuse_unused_recipe(config: ClassifierSettings, build: PlugIn) -> None:
 
 
 def without_absent(
-    receiver: plans.ReceiverPlan,
-) -> tuple[plans.ReceiverPlan, dict[str, str]]:
+    receiver: ReceiverPlan,
+) -> tuple[ReceiverPlan, dict[str, str]]:
     """Leave out the classifiers of scikit-learn where that is not installed, and say why.
 
     Args:

@@ -1,7 +1,7 @@
 """What a receiver got wrong: exact integers that add over blocks of frames, in any order."""
 
 import operator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any, ClassVar, Self
 
 import torch
@@ -11,35 +11,7 @@ from vocc_torch.measure.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
-    """Integer counts over frames; counts of disjoint frames add, field by field.
-
-    Args:
-        frames: frames looked at.
-        bits: bits sent in them.
-    """
-
-    frames: int = 0
-    bits: int = 0
-
-    @property
-    def numbers(self) -> tuple[int, ...]:
-        """All of them, in the order of the fields."""
-        return tuple(getattr(self, name) for name in self.__match_args__)
-
-    def __add__(self, other: Self | int) -> Self:
-        """Join what was counted on disjoint frames; the 0 that ``sum`` starts from is let through."""
-        if isinstance(other, int) and other == 0:
-            return self
-        if isinstance(other, int) or type(other) is not type(self):
-            return NotImplemented
-        return type(self)(*map(operator.add, self.numbers, other.numbers))
-
-    __radd__ = __add__
-
-
-@dataclass(frozen=True, slots=True)
-class Counts(Tally):
+class Counts:
     """Errors of one receiver over some frames, as Python integers.
 
     Errors are counted in halves of a bit error: half of the bits of a missed panel count as wrong, and a
@@ -64,6 +36,8 @@ class Counts(Tally):
         (8192, 6.0, 0.000732421875)
     """
 
+    frames: int = 0
+    bits: int = 0
     half_errors: int = 0
     half_errors_squared: int = 0
     frame_errors: int = 0
@@ -72,6 +46,16 @@ class Counts(Tally):
     misplaced_half_errors: int = 0
     least_frames: ClassVar[int] = 1
     """Frames before the first look at the precision."""
+
+    def __add__(self, other: Self | int) -> Self:
+        """Join what was counted on disjoint frames; the 0 that ``sum`` starts from is let through."""
+        if isinstance(other, int) and other == 0:
+            return self
+        if isinstance(other, int) or type(other) is not type(self):
+            return NotImplemented
+        return type(self)(*map(operator.add, astuple(self), astuple(other)))
+
+    __radd__ = __add__
 
     @property
     def columns(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from vocc_torch.errors import VoccError, demand_within
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import CONFIDENCE, Estimate
-from vocc_torch.measure.frame_errors import FrameErrors, Pairs
+from vocc_torch.measure.frame_errors import FrameErrors
 from vocc_torch.measure.intervals import ber_interval
 from vocc_torch.measure.paired import PairedCounts
 from vocc_torch.measure.trainings import Trained, mean_difference
@@ -100,13 +100,9 @@ class Row(PointKey):
         """Refuse what cannot be placed on an axis."""
         demand_within(self.axis, self.value, -MOST_VALUE, MOST_VALUE)
         if not 0 <= self.ber_low <= self.ber <= self.ber_high <= 1:
-            key, ends = (
-                f"ber of {self.receiver} at {self.axis}={self.value:g}",
-                [self.ber_low, self.ber_high],
-            )
-            raise VoccError.of(
-                key, f"{self.ber} in {ends}", "0 <= ber_low <= ber <= ber_high <= 1"
-            )
+            key = f"ber of {self.receiver} at {self.axis}={self.value:g}"
+            said = f"{self.ber} in {[self.ber_low, self.ber_high]}"
+            raise VoccError.of(key, said, "0 <= ber_low <= ber <= ber_high <= 1")
 
     @property
     def error_free(self) -> bool:
@@ -172,10 +168,15 @@ class Point(PointKey):
             columns["location_share"] = counts.location_share
         if (of := self.trained) is not None:
             found = of.interval(CONFIDENCE, errors_per_frame_error)
-            columns |= {"trainings": len(of.counts), "ber_mean": found.value}
-            columns |= {"algorithm_low": found.low, "algorithm_high": found.high}
-            columns |= {"ber_best": min(of.rates), "ber_worst": max(of.rates)}
-            columns["ber_sd"] = of.deviation
+            columns |= {
+                "trainings": len(of.counts),
+                "ber_mean": found.value,
+                "ber_sd": of.deviation,
+                "ber_best": min(of.rates),
+                "ber_worst": max(of.rates),
+                "algorithm_low": found.low,
+                "algorithm_high": found.high,
+            }
         return Row(
             self.experiment,
             self.axis,
@@ -253,10 +254,11 @@ class BerTable:
 
     def _only(self, name: str) -> str:
         """Give what all rows have in common."""
-        names = {getattr(row, name) for row in self.rows}
+        names = sorted({getattr(row, name) for row in self.rows})
         if len(names) > 1:
-            said = " and ".join(sorted(names))
-            raise VoccError(f"{name} is {said}: a table holds one {name}")
+            raise VoccError(
+                f"{name} is {' and '.join(names)}: a table holds one {name}"
+            )
         return "".join(names)
 
     def __len__(self) -> int:
@@ -288,12 +290,13 @@ class Curves(BerTable):
     Attributes:
         counts: errors by (receiver, value).
         trained: errors of all trainings by (receiver, value), where there are several.
-        pairs: comparisons by value: after the first training, and of all trainings together.
+        errors: of the receivers in each frame by value: after the first training, and of all trainings
+            together.
 
     Example:
         >>> import numpy as np
         >>> half, found = np.array([[2, 2], [0, 0]]), np.ones((2, 2), int)
-        >>> errors = FrameErrors(np.vstack([half, found, 1 - found, [0, 0]]), leds=64)
+        >>> errors = FrameErrors(np.stack([half, found, 1 - found]), np.zeros(2, int), leds=64)
         >>> place, names = ("d", "distance_m", 50.0), ("flda_2", "flda_3")
         >>> counts = dict(zip(names, errors.counts))
         >>> points = [Point(*place, name, "truth", counts[name], "frames") for name in names]
@@ -308,9 +311,9 @@ class Curves(BerTable):
         errors: Mapping[float, Sequence[FrameErrors]] = {},
     ) -> None:
         super().__init__(points)
-        self.pairs = {
-            at: (each[0].pairs, FrameErrors.pooled(each).pairs)
-            for at, each in errors.items()
+        self.errors = {
+            at: (trainings[0], FrameErrors.pooled(trainings))
+            for at, trainings in errors.items()
         }
         by_place = {(point.receiver, point.value): point for point in points}
         self.counts = {at: point.counts for at, point in by_place.items()}
@@ -323,14 +326,12 @@ class Curves(BerTable):
 
     def total(self, receiver: str) -> Counts:
         """Give one receiver's counts over all values."""
-        return sum(
-            (self.counts[receiver, value] for value in self.values[1:]),
-            self.counts[receiver, self.values[0]],
-        )
+        first, *others = (self.counts[receiver, value] for value in self.values)
+        return sum(others, first)
 
     def pair(self, a: str, b: str, value: float) -> PairedCounts:
         """Compare receiver a with receiver b at one value."""
-        return self._compared(self.pairs[value][0], a, b)
+        return self.errors[value][0].pair(*map(self.receivers.index, (a, b)))
 
     def trainings(self, receiver: str, value: float) -> Trained:
         """Give what one receiver got wrong after each training, of which there may be one."""
@@ -343,14 +344,7 @@ class Curves(BerTable):
 
     def tested_pair(self, a: str, b: str, value: float) -> PairedCounts:
         """Compare receiver a with receiver b over all their trainings."""
-        return self._compared(self.pairs[value][1], a, b)
-
-    def _compared(self, pairs: Pairs, a: str, b: str) -> PairedCounts:
-        """Give a comparison that is held as seen from the receiver that comes first."""
-        first, second = self.receivers.index(a), self.receivers.index(b)
-        if first < second:
-            return pairs[first, second]
-        return pairs[second, first].swapped()
+        return self.errors[value][1].pair(*map(self.receivers.index, (a, b)))
 
     def difference(
         self, a: str, b: str, value: float, confidence: float = CONFIDENCE

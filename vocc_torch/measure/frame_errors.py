@@ -1,8 +1,7 @@
 """What every receiver got wrong in each of the same frames; counts and comparisons follow from it."""
 
-import math
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -13,9 +12,6 @@ from vocc_torch.arrays import Bools, Integers
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.paired import PairedCounts
-
-Pairs = dict[tuple[int, int], PairedCounts]
-"""Comparisons by the places (a, b) of two receivers, a before b."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,48 +29,58 @@ class Key:
     training: int = 0
 
 
+@dataclass(eq=False)
 class FrameErrors:
     """Errors of L receivers in each of the same N frames of one kind of scenes.
 
     Args:
-        numbers: (3L+1,N) int64. L rows of wrong bits, times two, 0 to twice ``leds``, and ``leds`` if no
-            panel was found. L rows with 1 if the receiver's locator found the panel. L rows with 1 if the
-            panel was missed or has a corner too far off. The last row is the group of each frame, 0 without
-            groups.
+        table: (3,L,N) int64. First wrong bits, times two: 0 to twice ``leds``, and ``leds`` if no panel was
+            found. Then 1 if the receiver's locator found the panel. Last 1 if the panel was missed or has a
+            corner too far off.
+        groups: (N,) int64, the group of each frame, 0 without groups.
         leds: bits in a frame, at least 1.
         keys: whose errors the L rows are; none where rows are known by their places alone.
 
+    Attributes:
+        half_errors: (L,N) wrong bits, times two.
+        found: (L,N) 1 where the panel was found.
+        misplaced: (L,N) 1 where the panel was missed or has a corner too far off.
+
     Example:
         >>> half, found = np.array([[4, 0, 64], [0, 2, 64]]), np.array([[1, 1, 0]] * 2)
-        >>> errors = FrameErrors(np.vstack([half, found, 1 - found, [0, 0, 0]]), leds=64)
+        >>> errors = FrameErrors(np.stack([half, found, 1 - found]), np.zeros(3, int), leds=64)
         >>> [counts.half_errors for counts in errors.counts]
         [68, 66]
-        >>> errors.pairs[0, 1].half_difference, errors.pairs[0, 1].discordant
+        >>> errors.pair(0, 1).half_difference, errors.pair(0, 1).discordant
         (2, 2)
     """
 
-    def __init__(self, numbers: Integers, leds: int, keys: Sequence[Key] = ()) -> None:
-        self.numbers, self.leds, self.keys = numbers, leds, tuple(keys)
-        self.groups = numbers[-1]
-        self.table = numbers[:-1].reshape(3, len(numbers) // 3, numbers.shape[1])
+    table: Integers
+    groups: Integers
+    leds: int
+    keys: tuple[Key, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Name the three parts of the table."""
         self.half_errors, self.found, self.misplaced = self.table
 
     @classmethod
-    def joined(cls, parts: Iterable[Self]) -> Self:
+    def joined(cls, parts: Sequence[Self]) -> Self:
         """Join parts with the same receivers, at least one: the frames of the first, then of the second."""
-        first, *others = parts
-        numbers = np.hstack([part.numbers for part in (first, *others)])
-        return cls(numbers, first.leds, first.keys)
+        table = np.concatenate([part.table for part in parts], axis=2)
+        groups = np.concatenate([part.groups for part in parts])
+        return replace(parts[0], table=table, groups=groups)
 
     @classmethod
     def stacked(cls, parts: Sequence[Self]) -> Self:
         """Join the rows of parts with the same frames, at least one."""
-        rows = np.concatenate([part.table for part in parts], axis=1)
-        return cls(np.vstack([*rows, parts[0].groups]), parts[0].leds)
+        table = np.concatenate([part.table for part in parts], axis=1)
+        return replace(parts[0], table=table, keys=())
 
     def packed(self) -> bytes:
         """Write the numbers as bytes; leds and keys are not among them."""
-        return zlib.compress(self.numbers.astype("<i4").tobytes(), level=1)
+        numbers = np.concatenate([self.table.ravel(), self.groups])
+        return zlib.compress(numbers.astype("<i4").tobytes(), level=1)
 
     @classmethod
     def unpacked(
@@ -91,20 +97,22 @@ class FrameErrors:
         Raises:
             VoccError: bytes that no such frames can give.
         """
-        shape = 3 * len(keys) + 1, frames
+        rows = 3 * len(keys) + 1
         try:
-            size = 4 * math.prod(shape) + 1
+            # A byte more than there may be shows bytes that are too many.
+            size = 4 * rows * frames + 1
             unzipped = zlib.decompressobj().decompress(content, size)
-            numbers = np.frombuffer(unzipped, "<i4").reshape(shape).astype(np.int64)
+            numbers = np.frombuffer(unzipped, "<i4").reshape(rows, frames)
         except (zlib.error, ValueError) as error:
             raise VoccError(
                 f"counts of {len(keys)} receivers in {frames} frames cannot be read: {error}"
             ) from None
-        errors = cls(numbers, leds, keys)
+        *table, groups = numbers.astype(np.int64)
+        shaped = np.reshape(table, (3, len(keys), frames))
         most = np.array([2 * leds, 1, 1])[:, None, None]
-        if ((errors.table < 0) | (errors.table > most)).any():
+        if ((shaped < 0) | (shaped > most)).any():
             raise VoccError(f"counts have a frame with more wrong bits than its {leds}")
-        return errors
+        return cls(shaped, groups, leds, tuple(keys))
 
     def of(
         self,
@@ -112,11 +120,10 @@ class FrameErrors:
         frames: slice | Bools = slice(None),
     ) -> Self:
         """Give the same of some receivers, by their places, and of some frames, by place or where True."""
-        table = self.table[:, receivers, :][:, :, frames]
+        table = self.table[:, receivers][:, :, frames]
         places = np.arange(len(self.keys))
-        keys = [self.keys[place] for place in places[receivers]] if self.keys else []
-        numbers = np.vstack([*table, self.groups[frames]])
-        return type(self)(numbers, self.leds, keys)
+        keys = tuple(self.keys[place] for place in places[receivers] if self.keys)
+        return replace(self, table=table, groups=self.groups[frames], keys=keys)
 
     def place(self, key: Key) -> int:
         """Give the row of a receiver; one that learns nothing is the same after each training."""
@@ -134,44 +141,30 @@ class FrameErrors:
         Args:
             trainings: of the same receivers on the same frames.
         """
-        first = trainings[0]
-        halves = np.sum([training.half_errors for training in trainings], axis=0)
-        found = np.min([training.found for training in trainings], axis=0)
-        numbers = np.vstack([halves, found, first.misplaced, first.groups])
-        return cls(numbers, first.leds * len(trainings), first.keys)
+        first, tables = trainings[0], np.stack([errors.table for errors in trainings])
+        halves, found = tables[:, 0].sum(0), tables[:, 1].min(0)
+        table = np.stack([halves, found, first.misplaced])
+        return replace(first, table=table, leds=first.leds * len(trainings))
 
     @cached_property
     def counts(self) -> list[Counts]:
         """Errors of each receiver, in the order of the rows."""
-        frames = self.half_errors.shape[1]
-        missed = frames - self.found.sum(axis=1, keepdims=True)
-        off = [self.misplaced, self.half_errors * self.misplaced]
-        of_location = np.sum(off, axis=2).T
-        rows = np.hstack([_sums(self.half_errors), missed, of_location]).tolist()
+        halves, found, off = self.table
+        frames = halves.shape[1]
+        of_location = [frames - found.sum(1), off.sum(1), (halves * off).sum(1)]
+        rows = np.vstack([_sums(halves), of_location]).T.tolist()
         return [Counts(frames, frames * self.leds, *sums) for sums in rows]
 
-    @cached_property
-    def pairs(self) -> Pairs:
-        """Comparisons by the places (a, b), a before b.
-
-        All in one pass, at a small part of the time: 16 receivers make 120 pairs.
-        """
-        receivers, frames = self.half_errors.shape
-        first, second = np.triu_indices(receivers, k=1)
-        apart = self.half_errors[first] - self.half_errors[second]
-        sides = np.hstack(
-            [_sums(np.maximum(apart, 0)), _sums(np.maximum(-apart, 0))]
-        ).tolist()
-        places = zip(first.tolist(), second.tolist(), sides, strict=True)
-        return {
-            (a, b): PairedCounts(frames, frames * self.leds, *sums)
-            for a, b, sums in places
-        }
+    def pair(self, a: int, b: int) -> PairedCounts:
+        """Compare the receivers of two rows."""
+        apart = self.half_errors[a] - self.half_errors[b]
+        frames, excess = len(apart), np.stack([apart, -apart]).clip(min=0)
+        sums_of_sides = _sums(excess).T.tolist()
+        bits = frames * self.leds
+        return PairedCounts(*(Counts(frames, bits, *sums) for sums in sums_of_sides))
 
 
 def _sums(errors: Integers) -> Integers:
-    """Give the sum, the sum of squares and the number above 0 of each row, (L,3)."""
-    squared = np.einsum("ln,ln->l", errors, errors)
-    return np.stack(
-        [errors.sum(axis=1), squared, np.count_nonzero(errors, axis=1)], axis=1
-    )
+    """Give the sum, the sum of squares and the number above 0 of each of L rows, (3,L)."""
+    squares = np.einsum("ln,ln->l", errors, errors)
+    return np.stack([errors.sum(1), squares, np.count_nonzero(errors, axis=1)])

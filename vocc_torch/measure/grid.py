@@ -1,16 +1,18 @@
 """Bit error rates over ambient light and LED luminance, and the best luminance for each ambient light."""
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from vocc_torch.arrays import Bools, Floats
+from vocc_torch.arrays import Floats
 from vocc_torch.errors import VoccError
-from vocc_torch.measure import estimate, intervals
 from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.curve import Curves
+from vocc_torch.measure.estimate import CONFIDENCE, Estimate, joint_confidence
+from vocc_torch.measure.intervals import ber_interval
 
 
 class Grid:
@@ -52,7 +54,8 @@ class Grid:
         self.row_axis, self.rows, self.curves = row_axis, tuple(rows), tuple(curves)
         self.column_axis, self.columns = curves[0].axis, curves[0].values
         self.receivers, self.locator = curves[0].receivers, curves[0].locator
-        self._known: dict[tuple[str, float | None], tuple[Floats, Floats]] = {}
+        # Most of the time of every view would go into the same quantiles.
+        self.estimates = functools.cache(self._estimates)
 
     def counts(self, receiver: str) -> list[list[Counts]]:
         """Give a receiver's counts by row and column."""
@@ -65,46 +68,45 @@ class Grid:
         """Give the bit error rates, (rows, columns)."""
         return np.array([[cell.ber for cell in row] for row in self.counts(receiver)])
 
-    def intervals(
-        self, receiver: str, tail: float | None = None
-    ) -> tuple[Floats, Floats]:
-        """Give both ends of each cell's interval, as in ``ber_interval``: a limit where there was no error.
+    def intervals(self, receiver: str) -> tuple[Floats, Floats]:
+        """Give both ends of each cell's 95 % interval, (rows, columns) each; a limit where there was no error."""
+        cells = self.estimates(receiver, None)
+        low, high = (
+            np.array([[getattr(cell, end) for cell in row] for row in cells])
+            for end in ("low", "high")
+        )
+        return low, high
 
-        For the limit a wrong frame is taken to have as many wrong bits as at the nearest cells with errors in
-        the row and in the column, the largest of them, and at least 1.
+    def _estimates(self, receiver: str, tail: float | None) -> list[list[Estimate]]:
+        """Give the rate of each cell with its interval, as in ``ber_interval``.
+
+        For the limit of a cell without errors a wrong frame is taken to have as many wrong bits as at the
+        nearest cells with errors in the row and in the column, the largest of them, and at least 1.
 
         Args:
             receiver: its name.
-            tail: probability with which either limit misses, also that of a cell without errors; by default
-                each interval holds at 95 %, and so does the limit of a cell without errors.
-
-        Returns:
-            Low and high ends, (rows, columns) each.
+            tail: probability with which either end misses, also the limit of a cell without errors; None
+                takes 95 % for intervals and for limits.
         """
-        confidence, of_limits = (
-            (estimate.CONFIDENCE, estimate.CONFIDENCE)
-            if tail is None
-            else (1 - 2 * tail, 1 - tail)
+        confidence = of_limits = CONFIDENCE
+        if tail is not None:
+            confidence, of_limits = 1 - 2 * tail, 1 - tail
+        counts = self.counts(receiver)
+        sizes = np.array(
+            [
+                [cell.bit_errors / max(1, cell.frame_errors) for cell in row]
+                for row in counts
+            ]
         )
-        # Kept because most of the time of every view would go into the same quantiles.
-        if (receiver, tail) not in self._known:
-            counts = self.counts(receiver)
-            sizes = np.array(
-                [
-                    [point.bit_errors / max(1, point.frame_errors) for point in row]
-                    for row in counts
-                ]
-            )
-            low, high = np.empty((2, *sizes.shape))
-            for i, j in np.ndindex(*sizes.shape):
-                ways = (sizes[i, j::-1], sizes[i, j:], sizes[i::-1, j], sizes[i:, j])
+        cells = []
+        for i, row in enumerate(counts):
+            cells.append(list[Estimate]())
+            for j, cell in enumerate(row):
+                ways = sizes[i, j::-1], sizes[i, j:], sizes[i::-1, j], sizes[i:, j]
                 nearest = [float(way[way > 0][0]) for way in ways if way.any()]
-                cell, size = counts[i][j], max([1.0, *nearest])
                 level = confidence if cell.half_errors else of_limits
-                found = intervals.ber_interval(cell, level, size)
-                low[i, j], high[i, j] = found.low, found.high
-            self._known[receiver, tail] = low, high
-        return self._known[receiver, tail]
+                cells[i].append(ber_interval(cell, level, max([1.0, *nearest])))
+        return cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,8 +152,8 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
     """Return the best luminance at each ambient light, and all that are not distinguishable from it.
 
     **The candidates.** A luminance is excluded if another one is significantly better. The cells hold
-    independent frames. So Zou and Donner's method of variance estimates recovery (Statistics in Medicine 27,
-    2008) gives the interval of the difference of two bit error rates from the intervals of both cells. Each
+    independent frames. So :meth:`~vocc_torch.measure.estimate.Estimate.less` gives the interval of the
+    difference of two bit error rates from the intervals of both cells. Each
     of the K luminances is compared with K - 1 others, each time at the level 0.05 / (K - 1). The true best is
     then among the candidates with a confidence of at least 95 % (multiple comparisons with the best, Hsu,
     Annals of Statistics 12, 1984, with Bonferroni's level). Luminances between the values of the grid are not
@@ -177,42 +179,30 @@ def best_luminance(grid: Grid, receiver: str) -> list[Best]:
         >>> best.least_cd_m2, best.candidates_cd_m2, best.reaches_highest
         ((2000.0,), (2000.0,), True)
     """
-    ber, luminances = grid.ber(receiver), np.array(grid.columns, dtype=float)
-    candidates = not_worse(
-        ber,
-        *grid.intervals(receiver, 1 - estimate.joint_confidence(len(luminances) - 1)),
-    )
-    low = grid.intervals(receiver, (1 - estimate.CONFIDENCE) / 2)[0].min(1)
-    high = grid.intervals(
-        receiver, (1 - estimate.joint_confidence(len(luminances))) / 2
-    )[1].min(1)
+    luminances = grid.columns
+    compared = grid.estimates(receiver, 1 - joint_confidence(len(luminances) - 1))
+    lows = grid.estimates(receiver, (1 - CONFIDENCE) / 2)
+    highs = grid.estimates(receiver, (1 - joint_confidence(len(luminances))) / 2)
     bests = []
-    for i, (at, row) in enumerate(zip(grid.rows, ber, strict=True)):
-        rate = float(row.min())
-        least, may_be = (
-            tuple(luminances[which].tolist()) for which in (row == rate, candidates[i])
+    for i, ambient_lx in enumerate(grid.rows):
+        cells = dict(zip(luminances, compared[i], strict=True))
+        rate = min(cell.value for cell in cells.values())
+        candidates = tuple(
+            at
+            for at, cell in cells.items()
+            if all(cell.less(other).low <= 0 for other in cells.values())
         )
-        interval = rate, min(float(low[i]), rate), max(float(high[i]), rate)
-        edges = bool(candidates[i, 0]), bool(candidates[i, -1])
-        bests.append(Best(receiver, at, least, may_be, *edges, *interval))
+        bests.append(
+            Best(
+                receiver,
+                ambient_lx,
+                tuple(at for at, cell in cells.items() if cell.value == rate),
+                candidates,
+                luminances[0] in candidates,
+                luminances[-1] in candidates,
+                rate,
+                min(rate, *(cell.low for cell in lows[i])),
+                max(rate, min(cell.high for cell in highs[i])),
+            )
+        )
     return bests
-
-
-def not_worse(rate: Floats, low: Floats, high: Floats) -> Bools:
-    """Say which of the rates along the last axis no other one beats beyond doubt.
-
-    Args:
-        rate: (..., K) independent estimates.
-        low: (..., K) their lower limits, at most the estimates.
-        high: (..., K) their upper limits, at least the estimates.
-
-    Returns:
-        (..., K); True for the least rate always.
-
-    Example:
-        >>> not_worse(np.array([0.1, 0.2]), np.array([0.09, 0.15]), np.array([0.11, 0.3])).tolist()
-        [True, False]
-    """
-    down, up = (rate - low)[..., :, None], (high - rate)[..., None, :]
-    least_difference = rate[..., :, None] - rate[..., None, :] - np.hypot(down, up)
-    return np.asarray((least_difference <= 0).all(-1))

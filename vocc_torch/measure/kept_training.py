@@ -7,7 +7,7 @@ is executed: a classifier is built from the plan of the resumed run, and then lo
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -15,12 +15,14 @@ import torch
 
 from vocc_torch.boundary import demand_fields
 from vocc_torch.measure.executors import Workers
-from vocc_torch.measure.plan import ClassifierPlan, Plan, resolve_device
+from vocc_torch.measure.plan import Plan, resolve_device
 from vocc_torch.measure.store import Store, canonical
 from vocc_torch.measure.train import (
+    Lesson,
     Making,
     Training,
-    parts_of,
+    assembled,
+    lessons_of,
     train_part,
     training_key,
 )
@@ -84,18 +86,20 @@ def train_plans(
     Raises:
         VoccError: as :func:`train`, or a worker that was ended from outside.
     """
-    parts_of_plans = [
-        {training_key(part): part for part in parts_of(plan)} for plan in plans
-    ]
-    parts = {key: part for named in parts_of_plans for key, part in named.items()}
-    trained: dict[str, Training] = {}
-    for key, part in parts.items():
-        if (stored := find(store, key, part)) is not None:
+    keys_of_plans, lessons = [], dict[str, Lesson]()
+    for plan in plans:
+        lessons_of_plan = {training_key(*lesson): lesson for lesson in lessons_of(plan)}
+        keys_of_plans.append([*lessons_of_plan])
+        lessons |= lessons_of_plan
+
+    trained = dict[str, Training]()
+    for key, lesson in lessons.items():
+        if (stored := find(store, key, lesson.plan)) is not None:
             trained[key] = stored
-            progress(1.0)
+            progress(1 / lesson.plan.budget.trainings)
     # The longest training begins first.
-    missing = [key for key in parts if key not in trained]
-    longest = sorted(missing, key=lambda key: -_panels(parts[key]))
+    missing = [key for key in lessons if key not in trained]
+    longest = sorted(missing, key=lambda key: -_panels(lessons[key].plan))
     told = 0.0
 
     def tell(share: float) -> None:
@@ -104,17 +108,18 @@ def train_plans(
         progress(share)
 
     here = partial(train_part, progress=tell)
-    coming = workers.map(train_part, [parts[key] for key in longest], here)
+    coming = workers.map(train_part, [lessons[key] for key in longest], here)
     for key, training in zip(longest, coming, strict=True):
-        trained[key] = training
+        plan, trained[key] = lessons[key].plan, training
         # A receiver that was trained in another process has told nothing.
-        progress(1 - told)
+        progress(1 / plan.budget.trainings - told)
         told = 0.0
-        keep(store, key, parts[key], training)
-    joined = [
-        Training.joined([trained[key] for key in keys]) for keys in parts_of_plans
+        keep(store, key, plan, training)
+    trainings = [
+        assembled(plan, [trained[key] for key in keys])
+        for plan, keys in zip(plans, keys_of_plans, strict=True)
     ]
-    return joined, len(longest)
+    return trainings, len(longest)
 
 
 def _panels(plan: Plan) -> int:
@@ -127,62 +132,51 @@ def _alike(first: Training, other: Training, plan: Plan) -> bool:
     """Whether classifiers score alike to the last bit: one may take up less than it gave."""
     shape, drawn = plan.world.panel.shape, torch.Generator().manual_seed(0)
     for name, learned in first.classifiers.items():
-        size = shape.rows, shape.columns, learned.inputs.size
-        x = torch.rand(2, *size, generator=drawn).to(resolve_device(plan.world.device))
-        if not torch.equal(
-            learned.decision_function(x), other.classifiers[name].decision_function(x)
-        ):
+        x = torch.rand(2, *shape.sides, learned.inputs.size, generator=drawn)
+        x = x.to(resolve_device(plan.world.device))
+        scores = learned.decision_function(x)
+        if not scores.equal(other.classifiers[name].decision_function(x)):
             return False
-    pairs = zip(first.further, other.further, strict=True)
-    return all(_alike(*pair, plan) for pair in pairs)
+    return True
 
 
 def _packed(training: Training) -> dict[str, Any]:
     """Take a training apart."""
-    arrays = {
-        **training.flda.state_dict(),
-        "features": training.features,
-        "bits": training.bits,
-    }
+    arrays = {"features": training.features, "bits": training.bits}
     learned = {}
     for name, classifier in training.classifiers.items():
         values, state = plugged.state_of(classifier)
         learned[name] = {"values": values, "arrays": arrays_as_json(state)}
     return {
         **{key: getattr(training, key) for key in _NUMBERS},
-        "arrays": arrays_as_json(arrays),
+        "arrays": arrays_as_json(training.flda.state_dict() | arrays),
         "classifiers": learned,
         "costs": {name: asdict(cost) for name, cost in training.costs.items()},
-        "further": list(map(_packed, training.further)),
     }
 
 
 def _unpacked(content: Mapping[str, Any], plan: Plan) -> Training:
     """Put a training together."""
-    plans: dict[str, ClassifierPlan] = {
-        classifier.name: classifier for classifier in plan.receiver.classifiers
-    }
     arrays = {name: array_of(packed) for name, packed in content["arrays"].items()}
+    parts: dict[str, Any] = {key: arrays.pop(key) for key in ("features", "bits")}
+    parts |= {key: content[key] for key in _NUMBERS}
     device = resolve_device(plan.world.device)
-    figures: dict[str, Any] = {key: arrays.pop(key) for key in ("features", "bits")}
     flda = FLDA(arrays["mean"].shape[-1])
     flda.load_state_dict(arrays)
     learned = {}
-    for name, stored in content["classifiers"].items():
-        state = {key: array_of(array) for key, array in stored["arrays"].items()}
-        guarded = plugged.restored(
-            plans[name].build, plans[name].inputs, stored["values"], state
-        )
-        learned[name] = guarded if device.type == "cpu" else guarded.to(device)
-    costs = {name: Making(**cost) for name, cost in content["costs"].items()}
-    further = tuple(_unpacked(packed, plan) for packed in content["further"])
-    numbers: dict[str, Any] = {key: content[key] for key in _NUMBERS}
-    training = replace(
-        Training(flda.to(device), classifiers=learned, costs=costs, further=further),
-        **numbers,
-        **figures,
+    for recipe in plan.receiver.classifiers:
+        if (stored := content["classifiers"].get(recipe.name)) is not None:
+            state = {key: array_of(array) for key, array in stored["arrays"].items()}
+            values = stored["values"]
+            guarded = plugged.restored(recipe.build, recipe.inputs, values, state)
+            learned[recipe.name] = guarded.to(device)
+    training = Training(
+        flda.to(device),
+        classifiers=learned,
+        costs={name: Making(**cost) for name, cost in content["costs"].items()},
+        **parts,
     )
-    for record in (training, *costs.values()):
+    for record in (training, *training.costs.values()):
         demand_fields("trained", record)
     samples, features = training.features.shape
     if training.bits.shape != (samples,) or features != len(plan.receiver.reader.names):

@@ -39,25 +39,28 @@ class Observation:
     Args:
         scene: the scenes.
         bits: (B,R,C) bool, what was sent.
-        panels: where the panel was located.
+        places: where the panel was located, for each of the takes.
         takes: the frames; with preambles also the all-On and the all-Off frames of the same scenes.
         reader: measures the LEDs.
         truth: gives the true panels; receivers must not call it.
-        preamble_panels: where the panel was located in each preamble; empty reads preambles at ``panels``.
     """
 
     scene: Scene
     bits: torch.Tensor
-    panels: Panels
+    places: Sequence[Panels]
     takes: tuple[Frames, ...]
     reader: Reader
     truth: Callable[[], Panels]
-    preamble_panels: tuple[Panels, ...] = ()
 
     @property
     def frames(self) -> Frames:
         """The frames."""
         return self.takes[0]
+
+    @property
+    def panels(self) -> Panels:
+        """Where the panel was located in the frames."""
+        return self.places[0]
 
     @cached_property
     def misplaced(self) -> torch.Tensor:
@@ -72,9 +75,7 @@ class Observation:
     @cached_property
     def preambles(self) -> Preambles | None:
         """Grey levels of the preambles, if they were rendered."""
-        takes = self.takes[1:]
-        places = self.preamble_panels or [self.panels] * len(takes)
-        pairs = zip(takes, places, strict=True)
+        pairs = zip(self.takes[1:], self.places[1:], strict=True)
         lit = [self.reader.read(*pair, GREYS).greys for pair in pairs]
         return Preambles(*lit) if lit else None
 
@@ -179,9 +180,9 @@ class Link:
             observations = {}
             for name, locator in locators.items():
                 with without_autocast(simulator.device):
-                    panels, *others = self._located(locator, takes, truth)
+                    places = self._located(locator, takes, truth)
                 observations[name] = Observation(
-                    scene, bits, panels, takes, self.reader, truth, tuple(others)
+                    scene, bits, places, takes, self.reader, truth
                 )
             yield observations
 
@@ -190,18 +191,20 @@ class Link:
         locator: PanelLocator | None,
         takes: tuple[Frames, ...],
         truth: Callable[[], Panels],
-    ) -> Iterator[Panels]:
+    ) -> list[Panels]:
         """Locate the panel in the test frames, and in each preamble where that is wanted."""
         if locator is None:
-            yield truth()
-            return
-        yield (first := locator(takes[0], self.reader.shape))
-        for take in takes[1:] if self.locates_preambles else ():
-            other = locator(take, self.reader.shape)
-            is_found = other.found[:, None, None]
-            yield Panels.known(
-                torch.where(is_found, other.corners_px, first.corners_px)
-            )
+            return [truth()] * len(takes)
+        places = [first := locator(takes[0], self.reader.shape)]
+        for take in takes[1:]:
+            if self.locates_preambles:
+                panels = locator(take, self.reader.shape)
+                is_found = panels.found[:, None, None]
+                corners_px = torch.where(is_found, panels.corners_px, first.corners_px)
+                places.append(Panels.known(corners_px))
+            else:
+                places.append(first)
+        return places
 
 
 def misplaced(

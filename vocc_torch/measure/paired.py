@@ -10,69 +10,58 @@ expected, all in one direction, the t interval covers about 80 % instead of 95 %
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Self
 
 from scipy.special import betainc
 
-from vocc_torch.measure.counts import Counts, Tally
+from vocc_torch.measure.counts import Counts
 from vocc_torch.measure.estimate import Estimate
 from vocc_torch.measure.intervals import ber_interval, clustered_interval
 
 
 @dataclass(frozen=True, slots=True)
-class PairedCounts(Tally):
-    """By how much one receiver, a, did worse than another, b, on the same frames, as Python integers.
+class PairedCounts:
+    """By how much one receiver, a, did worse than another, b, on the same frames.
 
     Frames in which both have equally many wrong bits do not contribute. The other frames are *discordant*:
-    those in which a is worse and those in which b is worse are counted separately, with the first two
-    moments of the excess, because the interval needs both sides. Errors are counted in halves, as in
-    :class:`~vocc_torch.measure.counts.Counts`, so that ``half_difference`` is exactly the difference of
-    the two receivers' ``half_errors``.
+    those in which a is worse and those in which b is worse are counted separately, because the interval needs
+    both sides.
 
     Args:
-        frames: frames compared.
-        bits: bits sent in them.
-        a_excess: half errors of a beyond those of b, summed over the frames where a had more.
-        a_excess_squared: sum of their squares, a frame at a time.
-        a_worse: frames where a had more.
-        b_excess: half errors of b beyond those of a, summed over the frames where b had more.
-        b_excess_squared: sum of their squares, a frame at a time.
-        b_worse: frames where b had more.
+        a: errors of a beyond those of b, in the frames where a had more; its ``frame_errors`` are these frames.
+        b: likewise of b beyond those of a.
 
     Example:
-        >>> paired = PairedCounts(frames=64, bits=4096, a_excess=6, a_excess_squared=20, a_worse=2)
-        >>> total = sum([paired, paired.swapped()], PairedCounts())
-        >>> total.half_difference, total.half_difference_squared, total.discordant, paired.difference
-        (0, 40, 4, 0.000732421875)
+        >>> paired = PairedCounts(Counts(64, 4096, 6, 20, 2), Counts(64, 4096))
+        >>> total = sum([paired, paired], PairedCounts())
+        >>> total.half_difference, total.half_difference_squared, total.discordant
+        (12, 40, 4)
     """
 
-    a_excess: int = 0
-    a_excess_squared: int = 0
-    a_worse: int = 0
-    b_excess: int = 0
-    b_excess_squared: int = 0
-    b_worse: int = 0
+    a: Counts = field(default_factory=Counts)
+    b: Counts = field(default_factory=Counts)
+
+    def __add__(self, other: Self) -> Self:
+        """Join what was counted on disjoint frames."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return type(self)(self.a + other.a, self.b + other.b)
 
     @property
-    def sides(self) -> tuple[Counts, Counts]:
-        """The excess of either receiver as the counts that they are: errors a frame at a time."""
-        frames, bits, *sums = self.numbers
-        return Counts(frames, bits, *sums[:3]), Counts(frames, bits, *sums[3:])
-
-    def swapped(self) -> "PairedCounts":
-        """Return the comparison with both receivers exchanged."""
-        frames, bits, *sides = self.numbers
-        return PairedCounts(frames, bits, *sides[3:], *sides[:3])
+    def frames(self) -> int:
+        """Frames compared."""
+        return self.a.frames
 
     @property
     def half_difference(self) -> int:
         """Sum over the frames of a's half errors less b's."""
-        return self.a_excess - self.b_excess
+        return self.a.half_errors - self.b.half_errors
 
     @property
     def half_difference_squared(self) -> int:
         """Sum over the frames of the square of a's half errors less b's."""
-        return self.a_excess_squared + self.b_excess_squared
+        return self.a.half_errors_squared + self.b.half_errors_squared
 
     @property
     def spread(self) -> int:
@@ -82,12 +71,7 @@ class PairedCounts(Tally):
     @property
     def discordant(self) -> int:
         """Frames in which one receiver had more errors than the other."""
-        return self.a_worse + self.b_worse
-
-    @property
-    def difference(self) -> float:
-        """Bit error rate of a less that of b, -1 to 1; at least one frame was counted."""
-        return self.half_difference / (2 * self.bits)
+        return self.a.frame_errors + self.b.frame_errors
 
 
 def paired_interval(
@@ -98,13 +82,10 @@ def paired_interval(
     """The interval of the difference of two bit error rates, with frames as the independent units.
 
     **Some frames differ.** The difference is that of two rates: of a's errors beyond b's, and of b's beyond
-    a's, each with its :func:`excess_interval`. They are joined by the method of variance estimates recovery
-    (Zou and Donner, Statistics in Medicine 27, 2008, "Construction of confidence limits about effect
-    measures: a general approach"; for two proportions it is Newcombe's square-and-add): the distance of the
-    low end from the difference is the root of the summed squares of the first rate's distance to its low end
-    and the second's to its high end, and the other way round for the high end. Within a frame the two exclude
-    each other, so they are correlated by -(product of means) / (product of standard deviations). That is next
-    to nothing where few frames differ; where most do, leaving it out would cost up to 6 points of coverage.
+    a's, each with its :func:`excess_interval`. They are joined by the method of variance estimates recovery,
+    :meth:`~vocc_torch.measure.estimate.Estimate.less`. Within a frame the two exclude each other, so they are
+    correlated by -(product of means) / (product of standard deviations). That is next to nothing where few
+    frames differ; where most do, leaving it out would cost up to 6 points of coverage.
 
     **No frame differs.** ``low`` and ``high`` are then limits of the size of the difference: a frame differs
     with a probability of at most ``1 - (1 - confidence)^(1 / frames)``, and no more than
@@ -120,23 +101,17 @@ def paired_interval(
             of a frame; used only where no frame differs.
 
     Example:
-        >>> interval = paired_interval(PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
+        >>> a, b = Counts(2000, 128_000, 60, 160, 25), Counts(2000, 128_000, 20, 40, 10)
+        >>> interval = paired_interval(PairedCounts(a, b))
         >>> f"{interval.value:.2e} in [{interval.low:.2e}, {interval.high:.2e}]", interval.real
         ('1.56e-04 in [4.27e-05, 2.86e-04]', True)
     """
-    difference, sides = paired.difference, paired.sides
     if not paired.discordant:
-        limit = ber_interval(sides[0], confidence, errors_per_discordant_frame).high
+        limit = ber_interval(paired.a, confidence, errors_per_discordant_frame).high
         return Estimate(0.0, -limit, limit)
-    a, b = (excess_interval(side, paired, confidence) for side in sides)
-    correlation = _correlation(sides[0].spread, sides[1].spread, paired.spread)
-
-    def joined(first: float, second: float) -> float:
-        return math.sqrt(first**2 + second**2 - 2 * correlation * first * second)
-
-    low = difference - joined(a.value - a.low, b.high - b.value)
-    high = difference + joined(a.high - a.value, b.value - b.low)
-    return Estimate(difference, max(-1.0, low), min(1.0, high))
+    a, b = (excess_interval(side, paired, confidence) for side in (paired.a, paired.b))
+    correlation = _correlation(paired.a.spread, paired.b.spread, paired.spread)
+    return a.less(b, correlation).clipped(-1.0, 1.0)
 
 
 def excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> Estimate:
@@ -154,8 +129,8 @@ def excess_interval(side: Counts, paired: PairedCounts, confidence: float) -> Es
         paired: the comparison, at least one frame of which differs.
         confidence: above 0, below 1.
     """
-    leds, rate = paired.bits / paired.frames, side.ber
-    summed = paired.a_excess + paired.b_excess
+    leds, rate = side.bits / side.frames, side.ber
+    summed = paired.a.half_errors + paired.b.half_errors
     common = paired.half_difference_squared / summed
     size = (side.half_errors_squared + common**2) / (side.half_errors + common) / 2
     effect = leds
@@ -184,10 +159,10 @@ def sign_test(paired: PairedCounts) -> float:
         The p-value, 0 to 1; 1 where no frame differs.
 
     Example:
-        >>> sign_test(PairedCounts(64, 4096, a_excess=12, a_excess_squared=24, a_worse=6))
+        >>> sign_test(PairedCounts(Counts(64, 4096, 12, 24, 6)))
         0.03125
     """
-    fewer, larger = sorted((paired.a_worse, paired.b_worse))
+    fewer, larger = sorted((paired.a.frame_errors, paired.b.frame_errors))
     # At even odds both tails are alike; where the sides are too, they overlap.
     return min(1.0, 2 * float(betainc(larger, fewer + 1, 0.5)))
 
@@ -222,7 +197,8 @@ def relative_gain(
 
     Example:
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
-        >>> gain = relative_gain(a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
+        >>> more, fewer = Counts(2000, 128_000, 60, 160, 25), Counts(2000, 128_000, 20, 40, 10)
+        >>> gain = relative_gain(a, b, PairedCounts(more, fewer))
         >>> f"{gain.value:.2f} in [{gain.low:.2f}, {gain.high:.2f}]", gain.real
         ('0.25 in [0.08, 0.42]', True)
     """
@@ -234,7 +210,7 @@ def relative_gain(
     ends = mover_ratio(difference, rate, _correlation(spreads[2], *spreads[:2]))
     low = ends.low
     if low > 0:
-        most = Estimate(b.ber, b.ber, b.ber + _reach(b, a, confidence)[1])
+        most = Estimate(b.ber, b.ber, _two_sided(b, a, confidence).high)
         left = mover_ratio(most, rate, _correlation(*spreads)).high
         low = min(low, max(1 - left, difference.low / rate.high))
     return Estimate(gain, min(low, gain), min(1.0, max(ends.high, gain)))
@@ -270,7 +246,8 @@ def mean_gain(
 
     Example:
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
-        >>> both = a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10)
+        >>> more, fewer = Counts(2000, 128_000, 60, 160, 25), Counts(2000, 128_000, 20, 40, 10)
+        >>> both = a, b, PairedCounts(more, fewer)
         >>> one, four = mean_gain([both]), mean_gain([both] * 4)
         >>> f"{one.high - one.value:.2f} {four.high - four.value:.2f}"
         '0.17 0.09'
@@ -288,7 +265,7 @@ def difference_independent(a: Counts, b: Counts, confidence: float = 0.95) -> Es
     """Give the interval of the difference of two rates on different frames, such as two values of an axis.
 
     Is the rate at 4000 lx really lower than at 8000 lx? The two rates' own intervals are joined by variance
-    estimates recovery (Zou and Donner, Statistics in Medicine 27, 2008). A side without errors has the
+    estimates recovery, :meth:`~vocc_torch.measure.estimate.Estimate.less`. A side without errors has the
     two-sided limit, with wrong frames of the size that the other side's have.
 
     Args:
@@ -302,21 +279,16 @@ def difference_independent(a: Counts, b: Counts, confidence: float = 0.95) -> Es
         >>> f"{interval.value:.1e} in [{interval.low:.1e}, {interval.high:.1e}]", interval.real
         ('4.7e-04 in [2.5e-04, 7.0e-04]', True)
     """
-    a_below, a_above = _reach(a, b, confidence)
-    b_below, b_above = _reach(b, a, confidence)
-    difference = a.ber - b.ber
-    low = difference - math.hypot(a_below, b_above)
-    high = difference + math.hypot(a_above, b_below)
-    return Estimate(difference, max(-1.0, low), min(1.0, high))
+    first, second = _two_sided(a, b, confidence), _two_sided(b, a, confidence)
+    return first.less(second).clipped(-1.0, 1.0)
 
 
-def _reach(counts: Counts, other: Counts, confidence: float) -> tuple[float, float]:
-    """Give how far a rate's interval reaches below and above it."""
+def _two_sided(counts: Counts, other: Counts, confidence: float) -> Estimate:
+    """Give a rate's interval; wrong frames of an error-free one have the size of the other's."""
     if not counts.half_errors:
         # The limit of an error-free point is one-sided; a two-sided interval leaves half as much above it.
         confidence = min((1 + confidence) / 2, math.nextafter(1.0, 0.0))
-    interval = ber_interval(counts, confidence, other.errors_per_frame_error)
-    return counts.ber - interval.low, interval.high - counts.ber
+    return ber_interval(counts, confidence, other.errors_per_frame_error)
 
 
 def mover_ratio(over: Estimate, under: Estimate, correlation: float = 0.0) -> Estimate:
@@ -385,7 +357,8 @@ def rate_ratio(
 
     Example:
         >>> a, b = Counts(2000, 128_000, 160, 600, 60), Counts(2000, 128_000, 120, 400, 50)
-        >>> ratio = rate_ratio(a, b, PairedCounts(2000, 128_000, 60, 160, 25, 20, 40, 10))
+        >>> more, fewer = Counts(2000, 128_000, 60, 160, 25), Counts(2000, 128_000, 20, 40, 10)
+        >>> ratio = rate_ratio(a, b, PairedCounts(more, fewer))
         >>> f"{ratio.value:.2f} in [{ratio.low:.2f}, {ratio.high:.2f}]", ratio.leaves_out(1)
         ('0.75 in [0.58, 0.92]', True)
     """

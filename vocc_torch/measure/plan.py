@@ -328,10 +328,10 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
     effects = {effect.name: _plain(effect) for effect in built}
     for name, part in plug_ins(plan.world.effects).items():
         effects[name] |= {"plug_in": _plain(part)}
-    made_with: dict[str, Any] = {"device": resolve_device(plan.world.device).type}
-    for package in (torch, np):
-        release = str(package.__version__).split(".")
-        made_with[package.__name__] = ".".join(release[:2])
+    releases = {
+        package.__name__: package.__version__.rpartition(".")[0]
+        for package in (torch, np)
+    }
     return {
         "seed": plan.seed,
         "world": {**settings["world"], "effects": effects},
@@ -348,7 +348,7 @@ def identity(plan: Plan, locators: Sequence[Locator]) -> dict[str, Any]:
         "training_frames": plan.budget.training_frames,
         "trainings": plan.budget.trainings,
         "sampling": plan.budget.sampling,
-        "made_with": made_with,
+        "made_with": {"device": resolve_device(plan.world.device).type, **releases},
     }
 
 

@@ -7,22 +7,24 @@ until the stop rule holds. Workers, batches and interruptions do not change the 
 
 import itertools
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
+import numpy as np
 import torch
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure import intervals
 from vocc_torch.measure.config import Budget, Experiment
 from vocc_torch.measure.counts import Counts, half_errors
-from vocc_torch.measure.executors import Call, Workers
+from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.link import Link, Observation
 from vocc_torch.measure.plan import Plan
+from vocc_torch.measure.pools import Call
 from vocc_torch.measure.store import Store
 from vocc_torch.receiver.deciders import Bank, needs_preambles
 from vocc_torch.receiver.locators import PanelLocator
@@ -137,42 +139,34 @@ class Job:
             for decider in bank.values():
                 yield decider.score(view.readings, view.preambles) >= 0, view
 
-    def count(self, blocks: Iterable[int], frames: int) -> FrameErrors:
+    def __call__(self, parts: Sequence[Part]) -> list[bytes]:
         """Simulate blocks, look for the panel with each locator, let every receiver decide, and count.
 
         Args:
-            blocks: indices of the point's blocks.
-            frames: how many frames of these to use, from the first on.
+            parts: of the blocks only the last may be used in part.
         """
         link, batches = Link.of(self.plan), []
         every = link.observe_each(
             self.finders,
             self.model,
-            [BlockKey(self.plan.seed, self.point, block) for block in blocks],
+            [BlockKey(self.plan.seed, self.point, part.block) for part in parts],
             preambles=needs_preambles([key.receiver for key in self.keys]),
-            frames=frames,
+            frames=sum(part.frames for part in parts),
         )
         for views in every:
-            rows = (
-                (
-                    half_errors(bits, view.bits, view.panels.found),
-                    view.panels.found.long(),
-                    view.misplaced.long(),
-                )
-                for bits, view in self.decisions(views)
+            rows = []
+            for bits, view in self.decisions(views):
+                found = view.panels.found
+                wrong = half_errors(bits, view.bits, found)
+                rows.append(torch.stack([wrong, found.long(), view.misplaced.long()]))
+            groups = group_of(self.plan.experiment, link, next(iter(views.values())))
+            batches.append(
+                torch.cat([torch.stack(rows, 1).flatten(0, 1), groups[None]])
             )
-            seen = next(iter(views.values()))
-            groups = group_of(self.plan.experiment, link, seen)
-            kinds = itertools.chain(*zip(*rows, strict=True))
-            batches.append(torch.stack([*kinds, groups]))
-        numbers = torch.cat(batches, dim=1).cpu().numpy()
-        return FrameErrors(numbers, link.reader.shape.leds, self.keys)
-
-    def __call__(self, parts: Sequence[Part]) -> list[bytes]:
-        """Count some blocks; of these only the last may be used in part."""
-        errors = self.count(
-            [part.block for part in parts], sum(part.frames for part in parts)
-        )
+        # In one piece from the device.
+        *table, groups = torch.cat(batches, dim=1).cpu().numpy()
+        shaped = np.reshape(table, (3, len(self.keys), -1))
+        errors = FrameErrors(shaped, groups, link.reader.shape.leds, self.keys)
         starts = range(0, len(parts) * BLOCK_FRAMES, BLOCK_FRAMES)
         return [
             errors.of(frames=slice(start, start + BLOCK_FRAMES)).packed()
@@ -249,11 +243,9 @@ class PointTask:
 
     def take(self, blocks: int) -> list[Part]:
         """Take the next blocks, and return the blocks that are not in the store."""
-        taken, missing = list(itertools.islice(self._parts, blocks)), []
-        self.exhausted = (
-            not taken or BLOCK_FRAMES * (taken[-1].block + 1) >= self.rule.frames
-        )
-        for part in taken:
+        missing = []
+        for part in itertools.islice(self._parts, blocks):
+            self.exhausted = BLOCK_FRAMES * (part.block + 1) >= self.rule.frames
             content = None
             if self.store is not None:
                 content = self.store.find(self.job.rows, *part)
@@ -311,14 +303,13 @@ def stop_reason(rule: Budget, tallies: Tallies, blocks: int) -> str | None:
         if min(errors.values()) >= rule.target_frame_errors:
             return "frame_errors"
     power_of_two = 1 << (blocks.bit_length() - 1)
-    looks = blocks % max(FIRST_LOOK_BLOCKS, power_of_two // 16) == 0
-    if not (counts and looks) or rule.precision is None:
+    if rule.precision is None or blocks % max(FIRST_LOOK_BLOCKS, power_of_two // 16):
         return None
-    precise = (
+    precise = [
         intervals.precise_enough(counted, rule.precision, rule.least_ber)
         for _, counted in counts
-    )
-    return "precision" if all(precise) else None
+    ]
+    return "precision" if precise and all(precise) else None
 
 
 Calls: TypeAlias = dict[Call, tuple[PointTask, list[Part]]]
@@ -363,37 +354,28 @@ def count(
             if begun and begun[0].stopped_by:
                 yield begun.popleft().outcome
             elif calls:
-                _collect(calls, workers)
+                done, _ = futures.wait(calls, return_when=futures.FIRST_COMPLETED)
+                _record(done, calls, workers)
                 for point in begun:
                     point.add()
             else:
                 return
-            for future, (point, _) in [*calls.items()]:
-                if point.stopped_by and future.cancel():
-                    del calls[future]
+            for call, (point, _) in [*calls.items()]:
+                if point.stopped_by and call.cancel():
+                    del calls[call]
     finally:
-        _end(calls, workers)
+        for call in [*calls]:
+            if not call.cancel() and call.done():
+                with suppress(Exception):  # what ended the run is the error to tell of
+                    _record([call], calls, workers)
 
 
-def _collect(calls: Calls, workers: Workers) -> None:
-    """Wait until something comes back and record it, before the error of another call is raised."""
-    done, _ = futures.wait(calls, return_when=futures.FIRST_COMPLETED)
-    back, errors = [(call, *calls.pop(call)) for call in done], list[Exception]()
+def _record(done: Collection[Call], calls: Calls, workers: Workers) -> None:
+    """Record what has come back."""
     with ExitStack() as together:  # one wait for the disk
-        for store in {point.store for _, point, _ in back if point.store is not None}:
-            together.enter_context(store.together())
-        for call, point, parts in back:
-            try:
-                point.record(parts, workers.result(call))
-            except Exception as error:
-                errors.append(error)
-    if errors:
-        raise errors[0]
-
-
-def _end(calls: Calls, workers: Workers) -> None:
-    """Cancel what can be cancelled, and record what came back meanwhile."""
-    for call, (point, parts) in calls.items():
-        if not call.cancel() and call.done():
-            with suppress(Exception):  # what ended the run is the error to tell of
-                point.record(parts, workers.result(call))
+        for store in {calls[call][0].store for call in done}:
+            if store is not None:
+                together.enter_context(store.together())
+        for call in done:
+            point, parts = calls.pop(call)
+            point.record(parts, workers.result(call))

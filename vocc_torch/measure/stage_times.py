@@ -1,21 +1,26 @@
 """How long each stage of a receiver takes a frame; several receivers are timed in the same rounds."""
 
-import itertools
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self, TypeAlias
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 import torch
 
 from vocc_torch.arrays import Floats
-from vocc_torch.measure import estimate, link, plan, timing
+from vocc_torch.measure import timing
+from vocc_torch.measure.estimate import Estimate
+from vocc_torch.measure.link import rendered
+from vocc_torch.measure.plan import World
 from vocc_torch.receiver.deciders import Decider, Preambles, needs_preambles
 from vocc_torch.receiver.locators import PanelLocator
-from vocc_torch.receiver.reader import Reader
+from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.rng import BLOCK_FRAMES, BlockKey
 from vocc_torch.simulation import SceneModel
 from vocc_torch.types import Frames, Panels
+
+R = TypeVar("R")
 
 STAGES = ("read", "locate", "rectify", "features", "classify", "preambles")
 """What a receiver does with a frame, in order, and its share in reading and measuring the frames of known
@@ -23,9 +28,6 @@ bits that its threshold comes from."""
 
 BIT_DETECTION = ("rectify", "features", "classify")
 """What comes after panel detection, whose time is the unit of the paper's Fig. 25."""
-
-_MEASURING = ("read", "rectify", "features")
-"""What a frame of known bits goes through."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class StageTimes:
 
     rounds_ms: Mapping[str, Floats]
 
-    def stage(self, name: str) -> estimate.Estimate:
+    def stage(self, name: str) -> Estimate:
         """Median of a stage with its quartiles, ms."""
         return timing.median_of(self.rounds_ms[name])
 
@@ -53,7 +55,7 @@ class StageTimes:
         return rounds
 
     @property
-    def total(self) -> estimate.Estimate:
+    def total(self) -> Estimate:
         """Median of the whole time with its quartiles, ms: the stages are added round by round."""
         return timing.median_of(self.summed(STAGES))
 
@@ -75,7 +77,7 @@ class Exposure:
     @classmethod
     def of(
         cls,
-        world: plan.World,
+        world: World,
         model: SceneModel,
         keys: Sequence[BlockKey],
         *,
@@ -91,9 +93,7 @@ class Exposure:
         """
         simulator, frames = world.simulator(), len(keys) * BLOCK_FRAMES
         batch = range(0, frames, frames)
-        ((scene, _, names, takes),) = link.rendered(
-            simulator, model, keys, batch, preambles
-        )
+        ((scene, _, names, takes),) = rendered(simulator, model, keys, batch, preambles)
         first, *lit = (take.to("cpu") for take in takes)
         return cls(first, simulator.true_panels(scene, names), tuple(lit))
 
@@ -121,123 +121,78 @@ def time_stages(
 ) -> dict[str, StageTimes]:
     """Time every stage of every receiver on frames that lie one array each in the host's memory.
 
-    Each stage starts from what the one before has made. It is timed by itself, right after an untimed call of
-    the same stage on the batch before, with the device idle before and done after. A stage that receivers
-    share is timed once. A receiver whose threshold comes from frames of known bits reads and measures two
-    frames more for each.
+    Stages run one after the other, as in a receiver at work. Each call is made twice, and the second one is
+    timed, with the device idle before and done after. Frames are read once a round for all receivers, and a
+    locator that receivers share looks once. A receiver whose threshold comes from frames of known bits reads
+    and measures two frames more for each.
 
     Args:
         receivers: by name.
         exposure: at least ``batch`` frames, with preambles where a receiver needs them.
         batch: frames at a time.
-        repeats: timed rounds.
+        repeats: timed rounds, after one that is not timed.
         device: where receivers work; they are copied there.
 
     Returns:
         By the receivers' names.
     """
-    chains = {
-        name: chain(name, receiver, device) for name, receiver in receivers.items()
-    }
+    if device.type == "cpu":
+        timing.settle_memory()
     starts = range(0, len(exposure.frames) - batch + 1, batch)
-    batches = [
-        prepared(chains.values(), exposure, slice(start, start + batch), device)
-        for start in starts
-    ]
-    # Each call takes the batch before, untimed, and then a batch.
-    turns = [
-        each for at, batch in enumerate(batches) for each in (batches[at - 1], batch)
-    ]
-    calls = {
-        key: map(stage, itertools.cycle(turns)).__next__
-        for stages in chains.values()
-        for name, (key, stage) in stages.items()
-        if name != "preambles"
+    working = {
+        name: receiver._replace(decider=receiver.decider.to(device))
+        for name, receiver in receivers.items()
     }
-    timed = timing.interleaved(calls, repeats, device, warm_up=1, primed=True)
-    times = {}
-    for name, stages in chains.items():
-        spent = dict.fromkeys(STAGES, np.zeros(repeats))
-        for stage, (key, _) in stages.items():
-            if stage != "preambles":
-                spent[stage] = 1e3 / batch * np.array(timed[key])
-        if "preambles" in stages:
-            spent["preambles"] = 2 * np.sum([spent[of] for of in _MEASURING], axis=0)
-        times[name] = StageTimes(spent)
-    return times
-
-
-Intermediates: TypeAlias = dict[Hashable, Any]
-"""What the stages have made of a batch, by key; a key names what receivers share."""
-
-Stages: TypeAlias = dict[
-    str, tuple[tuple[Hashable, ...], Callable[[Intermediates], object]]
-]
-"""By name the key of what a stage makes, and what makes it of a batch's parts."""
-
-
-def chain(name: str, receiver: TimedReceiver, device: torch.device) -> Stages:
-    """Give a receiver's stages on prepared batches, in order; one that it does not have is left out.
-
-    Args:
-        name: the receiver's name.
-        receiver: is copied to the device.
-        device: where frames are read to.
-    """
-    decider, reader, locator = receiver
-    decider, needed = decider.to(device), decider.features
-    where, known, measured = (
-        ("locate", locator),
-        ("preambles", name),
-        ("features", name),
-    )
-    patches = "rectify", locator, reader.samples_per_led
-    stages: Stages = {"read": (("read",), lambda batch: read(batch["host"], device))}
-    if locator is not None:
-        stages["locate"] = where, lambda batch: locator(batch["read",], reader.shape)
-    if reader.is_rectified(needed):
-        stages["rectify"] = (
-            patches,
-            lambda batch: reader.rectify([batch["read",]], batch[where])[0],
-        )
-    stages["features"] = (
-        measured,
-        lambda batch: reader.measure(
-            batch["read",], batch[where], batch.get(patches), needed
-        ),
-    )
-    if needs_preambles([decider.name]):
-        stages["preambles"] = (
-            known,
-            lambda batch: Preambles(
-                *(
-                    reader.read(batch[take], batch[where], needed).greys
-                    for take in ("on", "off")
-                )
-            ),
-        )
-    stages["classify"] = (
-        ("classify", name),
-        lambda batch: decider.score(batch[measured], batch.get(known)) >= 0,
-    )
-    return stages
-
-
-def prepared(
-    chains: Iterable[Stages], exposure: Exposure, rows: slice, device: torch.device
-) -> Intermediates:
-    """Make what each stage starts from, of some of the frames."""
-    results: Intermediates = {
-        "host": exposure.frames[rows],
-        ("locate", None): exposure.truth[rows].to(device),
+    rounds: dict[str, list[list[float]]] = {name: [] for name in receivers}
+    for turn in range(1 + repeats):
+        start = starts[turn % len(starts)]
+        rows = slice(start, start + batch)
+        frames, read_s = timed(device, read, exposure.frames[rows], device)
+        lit = [take[rows].to(device) for take in exposure.preambles]
+        found: dict[Any, tuple[Panels, float]] = {}
+        found[None] = exposure.truth[rows].to(device), 0.0
+        for name, (decider, reader, locator) in working.items():
+            needed, patches, preambles = decider.features, None, None
+            if locator is not None and locator not in found:
+                found[locator] = timed(device, locator, frames, reader.shape)
+            panels, locate_s = found[locator]
+            rectify_s = preambles_s = 0.0
+            if reader.is_rectified(needed):
+                taken, rectify_s = timed(device, reader.rectify, [frames], panels)
+                (patches,) = taken
+            measured, features_s = timed(
+                device, reader.measure, frames, panels, patches, needed
+            )
+            if needs_preambles([decider.name]):
+                greys = (reader.read(take, panels, needed).greys for take in lit)
+                preambles = Preambles(*greys)
+                preambles_s = 2 * (read_s + rectify_s + features_s)
+            _, classify_s = timed(device, decided, decider, measured, preambles)
+            spent = read_s, locate_s, rectify_s, features_s, classify_s, preambles_s
+            rounds[name].append([1e3 / batch * stage_s for stage_s in spent])
+    return {
+        name: StageTimes(dict(zip(STAGES, np.transpose(times[1:]), strict=True)))
+        for name, times in rounds.items()
     }
-    for bits, take in zip(("on", "off"), exposure.preambles, strict=False):
-        results[bits] = take[rows].to(device)
-    for stages in chains:
-        for key, stage in stages.values():
-            if key not in results:
-                results[key] = stage(results)
-    return results
+
+
+def timed(
+    device: torch.device, call: Callable[..., R], *arguments: object
+) -> tuple[R, float]:
+    """Make a call twice, and give the result of the second one and how long it took, s."""
+    call(*arguments)
+    timing.finish(device)
+    begin = time.perf_counter()
+    result = call(*arguments)
+    timing.finish(device)
+    return result, time.perf_counter() - begin
+
+
+def decided(
+    decider: Decider, readings: Readings, preambles: Preambles | None
+) -> torch.Tensor:
+    """Give the bits."""
+    return decider.score(readings, preambles) >= 0
 
 
 def read(host: Frames, device: torch.device) -> Frames:

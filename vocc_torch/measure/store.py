@@ -24,23 +24,31 @@ SUFFIX = ".sqlite"
 
 _APPLICATION = int.from_bytes(b"vocc", "big")
 _LEAST_BYTES = 512  # of an SQLite file; shorter ones SQLite takes for empty
-_FORMAT = 3
-"""Version of the tables; other versions are refused."""
 _TABLES = (
     "CREATE TABLE identity (settings TEXT, package TEXT)",
     "CREATE TABLE blocks (point TEXT, block INTEGER, frames INTEGER, content BLOB, digest TEXT, "
     "PRIMARY KEY (point, block, frames)) WITHOUT ROWID",
 )
 _ANOTHER = "give another name= or file"
-_STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
 _DAMAGED = ("is damaged", "bring back a copy, or delete it to count everything again")
 _LONGEST = 200
 """Most characters of a refusal, unless the path is very long."""
 _UNSAID = r"^(world|made_with)\.|\.(plug_in|arguments|maker|files)\b"
 """Parts of a setting's path that mean nothing to its user."""
-_BUSY = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
-_FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
-_REFUSED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
+_STRANGER = f"is no ledger of vocc-torch: {_ANOTHER}"
+_IN_USE = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
+_FULL = "cannot be written ({}): make room, then start the same run again"
+_SEALED = "cannot be written ({}): make it writable, or " + _ANOTHER
+_SAID = {
+    sqlite3.SQLITE_NOTADB: _STRANGER,
+    sqlite3.SQLITE_BUSY: _IN_USE,
+    sqlite3.SQLITE_LOCKED: _IN_USE,
+    sqlite3.SQLITE_FULL: _FULL,
+    sqlite3.SQLITE_IOERR: _FULL,
+    sqlite3.SQLITE_READONLY: _SEALED,
+    sqlite3.SQLITE_CANTOPEN: _SEALED,
+}
+"""What SQLite's errors mean; other errors are damage."""
 
 
 class Store(AbstractContextManager["Store"]):
@@ -91,25 +99,13 @@ class Store(AbstractContextManager["Store"]):
                 has another version or other settings, which are named.
         """
         path, text = Path(path), canonical(settings)
-        with _told(path):
-            # SQLite would block on a pipe beside the store.
-            for suffix in ("", "-journal", "-wal"):
-                part = path.with_name(path.name + suffix)
-                if part.is_symlink() or (part.exists() and not part.is_file()):
-                    raise VoccError(
-                        f"{_shown(part)} is a link, a folder, a device or a pipe: it must be an ordinary file"
-                    )
-            if path.exists():
-                if 0 < path.stat().st_size < _LEAST_BYTES:
-                    raise VoccError(f"{_shown(path)} {_STRANGER}")
-                # SQLite would open it read-only.
-                if not os.access(path, os.W_OK):
-                    raise PermissionError(None, "it is read-only")
+        with _refusing(path):
+            _demand_ordinary(path)
             path.parent.mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, timeout=0, isolation_level=None)
         store = cls(path, connection, text)
         try:
-            with _told(path):
+            with _refusing(path):
                 store._begin()
                 store._inode = path.stat().st_ino
         except BaseException:
@@ -122,61 +118,45 @@ class Store(AbstractContextManager["Store"]):
 
     def _begin(self) -> None:
         """Lock the file until it is closed, and write the settings or check all that is there."""
+        # Rows of two algorithms do not add.
+        code = f"{__version__} {package_digest('vocc_torch')}"
         self._run("PRAGMA locking_mode=EXCLUSIVE")
         self._run("PRAGMA trusted_schema=OFF")
         self._run("BEGIN EXCLUSIVE")
         # What a killed run left has been taken back by now; its journal would stay where nothing is written.
         self.path.with_name(f"{self.path.name}-journal").unlink(missing_ok=True)
         if self._first("SELECT 1 FROM sqlite_master"):
-            self._check()
+            self._check(code)
         else:
-            for statement in _TABLES:
+            for statement in (*_TABLES, f"PRAGMA application_id={_APPLICATION}"):
                 self._run(statement)
-            self._run(f"PRAGMA application_id={_APPLICATION}")
-            self._run(f"PRAGMA user_version={_FORMAT}")
-            # Rows of two algorithms do not add.
-            code = f"{__version__} {package_digest('vocc_torch')}"
             self._run("INSERT INTO identity VALUES (?, ?)", self._settings, code)
         self._run("COMMIT")
 
-    def _check(self) -> None:
-        """Refuse a file that is not a whole store of these settings."""
+    def _check(self, code: str) -> None:
+        """Refuse a file that is not a whole store of these settings, begun by this code."""
         if self._first("PRAGMA application_id") != _APPLICATION:
-            raise self._refusal("is no ledger of vocc-torch", _ANOTHER)
-        release = f"continue it with the release that began it, or {_ANOTHER}"
-        if (version := self._first("PRAGMA user_version")) != _FORMAT:
+            raise VoccError(f"{_shown(self.path)} {_STRANGER}")
+        ((settings, begun_by),) = self._run("SELECT settings, package FROM identity")
+        if begun_by != code:
             raise self._refusal(
-                f"has format {version}, and this release {_FORMAT}", release
-            )
-        tables = self._run("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
-        if tables != [(table,) for table in _TABLES]:
-            raise self._refusal(*_DAMAGED)
-        ((settings, package),) = self._run("SELECT settings, package FROM identity")
-        begun_with, _, source = str(package).partition(" ")
-        if begun_with != __version__:
-            raise self._refusal(
-                f"is of vocc-torch {begun_with} and this is {__version__}", release
-            )
-        if source != (digest := package_digest("vocc_torch")):
-            raise self._refusal(
-                f"was begun by other source code of vocc-torch ({source}, now {digest})",
+                f"was begun by other source code of vocc-torch ({begun_by}, now {code})",
                 "go back to that code, or give another name=",
             )
         if settings != self._settings:
             changes = what_changed(json.loads(settings), json.loads(self._settings))
-            raise self._refusal(
-                "; ".join(changes) or _DAMAGED[0],
-                f"use the earlier values, or {_ANOTHER}",
-            )
-        if self._first("PRAGMA integrity_check(1)") != "ok":
+            told = "; ".join(changes) or _DAMAGED[0]
+            raise self._refusal(told, f"use the earlier values, or {_ANOTHER}")
+        tables = self._run("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
+        is_whole = tables == [(table,) for table in _TABLES]
+        is_whole = is_whole and self._first("PRAGMA integrity_check(1)") == "ok"
+        rows = self._run("SELECT * FROM blocks") if is_whole else []
+        if not is_whole or any(self._digest(*row) != digest for *row, digest in rows):
             raise self._refusal(*_DAMAGED)
-        for *row, digest in self._run("SELECT * FROM blocks"):
-            if self._digest(*row) != digest:
-                raise self._refusal(*_DAMAGED)
 
     def _run(self, statement: str, *values: object) -> list[tuple[Any, ...]]:
         """Run a statement, and give the rows that it finds."""
-        with _told(self.path):
+        with _refusing(self.path):
             return self._connection.execute(statement, values).fetchall()
 
     def _first(self, query: str, *values: object) -> Any:
@@ -225,7 +205,7 @@ class Store(AbstractContextManager["Store"]):
 
     def _demand_file(self) -> None:
         """Refuse to write if the file is missing or another one."""
-        with _told(self.path):
+        with _refusing(self.path):
             there = self.path.exists() and self.path.stat().st_ino == self._inode
         if not there:
             raise self._refusal("was deleted under this run", "start it again to go on")
@@ -259,8 +239,24 @@ class Store(AbstractContextManager["Store"]):
             )
 
 
+def _demand_ordinary(path: Path) -> None:
+    """Refuse what is no file that SQLite would open for writing, or would take for an empty store."""
+    # SQLite would block on a pipe beside the store.
+    for suffix in ("", "-journal", "-wal"):
+        part = path.with_name(path.name + suffix)
+        if part.is_symlink() or (part.exists() and not part.is_file()):
+            raise VoccError(
+                f"{_shown(part)} is a link, a folder, a device or a pipe: it must be an ordinary file"
+            )
+    if path.exists() and 0 < path.stat().st_size < _LEAST_BYTES:
+        raise VoccError(f"{_shown(path)} {_STRANGER}")
+    # SQLite would open it read-only.
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(None, "it is read-only")
+
+
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _refusing(path: Path) -> Iterator[None]:
     """Say in one line what SQLite or the system refused, and what helps."""
     try:
         yield
@@ -275,21 +271,13 @@ def _told(path: Path) -> Iterator[None]:
         RecursionError,
     ) as error:
         code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
-        if isinstance(error, OSError) or code in (*_FULL, *_REFUSED):
-            reason = getattr(error, "strerror", None) or error
-            room = "make room, then start the same run again"
-            help_ = room if code in _FULL else f"make it writable, or {_ANOTHER}"
-            raise VoccError(
-                f"cannot write {_shown(path)}: {reason}: {help_}"
-            ) from error
-        told = ": ".join(_DAMAGED)
-        if code == sqlite3.SQLITE_NOTADB:
-            told = _STRANGER
-        elif code in _BUSY:
-            told = f"is in use by another run: wait until that one ends, or {_ANOTHER}"
-        elif isinstance(error, sqlite3.ProgrammingError):
+        told = _SAID.get(code, ": ".join(_DAMAGED))
+        if isinstance(error, sqlite3.ProgrammingError):
             told = "is closed: open it again"
-        raise VoccError(f"{_shown(path)} {told}") from None
+        if isinstance(error, OSError):
+            told = _SEALED
+        reason = getattr(error, "strerror", None) or error
+        raise VoccError(f"{_shown(path)} {told.format(reason)}") from None
 
 
 def _shown(path: Path) -> Path:

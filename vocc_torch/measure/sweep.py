@@ -4,22 +4,30 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
-from vocc_torch.measure import curve, runner
 from vocc_torch.measure.counts import Counts
+from vocc_torch.measure.curve import Curves, Point
 from vocc_torch.measure.executors import Workers
 from vocc_torch.measure.frame_errors import FrameErrors, Key
 from vocc_torch.measure.plan import Experiment, Locator, Plan
+from vocc_torch.measure.runner import (
+    Job,
+    NumberedBank,
+    Outcome,
+    PointTask,
+    Progress,
+    count,
+)
 from vocc_torch.measure.store import Store
 from vocc_torch.measure.trainings import Trained
 from vocc_torch.simulation import SceneModel
 
-Prepare = Callable[[runner.Job, Workers], runner.Job]
+Prepare = Callable[[Job, Workers], Job]
 """Changes the job of a point just before it is counted."""
 
 
 def job_of(
-    plan: Plan, banks: Sequence[runner.NumberedBank], value: float | None = None
-) -> runner.Job:
+    plan: Plan, banks: Sequence[NumberedBank], value: float | None = None
+) -> Job:
     """Give the job of a point: every receiver after each training, on the same frames.
 
     Args:
@@ -32,16 +40,16 @@ def job_of(
     if value is not None:
         point = experiment.point_name(value)
         model = experiment.model_at(plan.world, value)
-    return runner.Job(plan, model, point, banks)
+    return Job(plan, model, point, banks)
 
 
 def outcomes(
-    jobs: Sequence[runner.Job],
+    jobs: Sequence[Job],
     workers: Workers,
     store: Store | None = None,
-    progress: runner.Progress = lambda frames: None,
+    progress: Progress = lambda frames: None,
     prepare: Prepare = lambda job, workers: job,
-) -> Iterator[runner.Outcome]:
+) -> Iterator[Outcome]:
     """Count jobs one after the other, each until the budget of its plan is spent.
 
     Args:
@@ -58,7 +66,7 @@ def outcomes(
         VoccError: a store that cannot be written, or a worker that was killed.
     """
     points = (
-        runner.PointTask(
+        PointTask(
             prepare(job, workers),
             # The frames of all bins.
             replace(job.plan.budget, frames=job.plan.frames_in_point),
@@ -68,7 +76,7 @@ def outcomes(
         for job in jobs
     )
     batch_frames = max(job.plan.batch_frames for job in jobs)
-    return runner.count(points, workers, batch_frames)
+    return count(points, workers, batch_frames)
 
 
 Kind = Literal["train", "test"]
@@ -98,8 +106,8 @@ def scenes_of(plan: Plan, kind: Kind) -> dict[str, SceneModel]:
 
 
 def curves_at(
-    plan: Plan, locator: Locator, outcomes: Mapping[float, runner.Outcome]
-) -> curve.Curves:
+    plan: Plan, locator: Locator, outcomes: Mapping[float, Outcome]
+) -> Curves:
     """Join the outcomes of a plan's points for one locator.
 
     Args:
@@ -114,8 +122,8 @@ def curves_at(
 def curves_of(
     experiment: Experiment,
     receivers: Mapping[str, Key],
-    outcomes: Mapping[float, runner.Outcome],
-) -> curve.Curves:
+    outcomes: Mapping[float, Outcome],
+) -> Curves:
     """Put what was counted of some receivers together.
 
     Args:
@@ -123,7 +131,7 @@ def curves_of(
         receivers: whose errors they are after the first training, by name, in the order of the results.
         outcomes: by the value that was simulated, ascending.
     """
-    points, compared = list[curve.Point](), dict[float, list[FrameErrors]]()
+    points, compared = list[Point](), dict[float, list[FrameErrors]]()
     for value, outcome in outcomes.items():
         several = range(1 + max(key.training for key in outcome.errors.keys))
         weigh_alike = all(type(counts) is Counts for counts in outcome.counts.values())
@@ -132,17 +140,22 @@ def curves_of(
             at = experiment.result_values[group] if is_bin else value
             trainings = []
             for number in several:
-                keys = [replace(key, training=number) for key in receivers.values()]
+                keys = (replace(key, training=number) for key in receivers.values())
                 trainings.append(errors.of(list(map(errors.place, keys))))
-            pooled = FrameErrors.pooled(trainings).counts
-            each = zip(*(training.counts for training in trainings), strict=True)
-            of_all = map(Trained, each, pooled)
+            counts = zip(*(training.counts for training in trainings), strict=True)
+            of_all = map(Trained, counts, FrameErrors.pooled(trainings).counts)
             for (name, key), trained in zip(receivers.items(), of_all, strict=True):
-                place = experiment.name, experiment.axis, at, name, key.locator
-                counted = outcome.counts[key, group], outcome.stopped_by
-                points.append(
-                    curve.Point(*place, *counted, trained if len(several) > 1 else None)
+                point = Point(
+                    experiment.name,
+                    experiment.axis,
+                    at,
+                    name,
+                    key.locator,
+                    outcome.counts[key, group],
+                    outcome.stopped_by,
+                    trained if len(several) > 1 else None,
                 )
+                points.append(point)
             if weigh_alike:
                 compared[at] = trainings
-    return curve.Curves(points, compared)
+    return Curves(points, compared)

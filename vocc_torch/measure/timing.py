@@ -45,7 +45,6 @@ def interleaved(
     device: torch.device,
     *,
     warm_up: int = 2,
-    primed: bool = False,
 ) -> dict[Name, tuple[float, ...]]:
     """Time calls in rounds, each once a round, so that a busy period of the machine affects all calls.
 
@@ -57,8 +56,6 @@ def interleaved(
         repeats: timed rounds, at least 1.
         device: where the calls work.
         warm_up: untimed rounds at the start, at least 0, for allocation, compilation and cached values.
-        primed: run each call once untimed right before it is timed, so that the caches hold its own data, as
-            in a receiver that runs continuously.
 
     Returns:
         How long each call took, round by round, s.
@@ -73,12 +70,10 @@ def interleaved(
         settle_memory()
     for turn in range(warm_up + repeats):
         for name in list(calls)[:: -1 if turn % 2 else 1]:
-            if primed:
-                calls[name]()
-            _finish(device)
+            finish(device)
             begin = time.perf_counter()
             calls[name]()
-            _finish(device)
+            finish(device)
             spent = time.perf_counter() - begin
             if turn >= warm_up:
                 seconds[name] += (spent,)
@@ -159,7 +154,7 @@ def settle_memory() -> None:
         mallopt(limit, size)
 
 
-def _finish(device: torch.device) -> None:
+def finish(device: torch.device) -> None:
     """Wait until the device has finished; the CPU has when a call returns."""
     if device.type == "cuda":
         torch.cuda.synchronize(device)

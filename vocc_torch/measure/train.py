@@ -1,12 +1,11 @@
 """Train receivers on simulated frames: FLDA and the classifiers that plug in, with what each took."""
 
-import itertools
 import pickle
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -14,7 +13,7 @@ from torch import Tensor
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import Settings
 from vocc_torch.measure.link import Link, block_keys
-from vocc_torch.measure.plan import Plan, identity
+from vocc_torch.measure.plan import ClassifierPlan, Plan, identity
 from vocc_torch.measure.store import canonical
 from vocc_torch.plugins import one_line
 from vocc_torch.receiver import discriminant
@@ -97,15 +96,11 @@ class Training:
     @classmethod
     def joined(cls, parts: "Sequence[Training]") -> "Training":
         """Put trainings of different classifiers on the same frames together; FLDA is that of the first."""
-        classifiers = [part.classifiers.items() for part in parts]
-        costs = [part.costs.items() for part in parts]
-        columns = zip(*(part.further for part in parts), strict=True)
-        return replace(
-            parts[0],
-            classifiers=dict(itertools.chain(*classifiers)),
-            costs=dict(itertools.chain(*costs)),
-            further=tuple(cls.joined(column) for column in columns),
-        )
+        classifiers, costs = dict[str, Guarded](), dict[str, Making]()
+        for part in parts:
+            classifiers |= part.classifiers
+            costs |= part.costs
+        return replace(parts[0], classifiers=classifiers, costs=costs)
 
     def making(self, name: str) -> Making:
         """Return time, frames and parameters of a receiver's training; some have no parameters."""
@@ -131,6 +126,42 @@ def untold(share: float) -> None:
     """Report no progress."""
 
 
+class Lesson(NamedTuple):
+    """One training of one receiver that learns.
+
+    Args:
+        plan: has FLDA alone, or a single classifier.
+        number: of the training, from 0 on; each has frames and first weights of its own.
+    """
+
+    plan: Plan
+    number: int
+
+
+def lessons_of(plan: Plan) -> list[Lesson]:
+    """Split the trainings of a plan: FLDA and then each classifier, as often as the budget says."""
+    receiver = plan.receiver
+    alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
+    alone += [
+        replace(receiver, names=(recipe.name,), classifiers=(recipe,))
+        for recipe in receiver.classifiers
+    ]
+    numbers = range(plan.budget.trainings)
+    return [
+        Lesson(replace(plan, receiver=part), number)
+        for number in numbers
+        for part in alone
+    ]
+
+
+def assembled(plan: Plan, learned: Sequence[Training]) -> Training:
+    """Put together what came of each lesson of a plan, in their order."""
+    size = len(learned) // plan.budget.trainings
+    starts = range(0, len(learned), size)
+    first, *further = (Training.joined(learned[at : at + size]) for at in starts)
+    return replace(first, further=tuple(further))
+
+
 def train(plan: Plan, progress: Progress = untold) -> Training:
     """Train FLDA and the plan's classifiers on its training scenes, as often as the budget says.
 
@@ -139,55 +170,47 @@ def train(plan: Plan, progress: Progress = untold) -> Training:
 
     Args:
         plan: the study.
-        progress: called with the share of the work done since the last call, 1 in all for each of
-            :func:`parts_of`.
+        progress: called with the share of the work done since the last call, 1 in all for each receiver that
+            learns.
 
     Raises:
         VoccError: no panel was found in any training frame, or a classifier that cannot be built or trained.
     """
-    return Training.joined([train_part(part, progress) for part in parts_of(plan)])
+    lessons = lessons_of(plan)
+    return assembled(plan, [train_part(lesson, progress) for lesson in lessons])
 
 
-def parts_of(plan: Plan) -> list[Plan]:
-    """Split a plan into one per trained part: FLDA, and each classifier."""
-    receiver = plan.receiver
-    alone = [replace(receiver, names=tuple(FLDA_FEATURES), classifiers=())]
-    alone += [
-        replace(receiver, names=(recipe.name,), classifiers=(recipe,))
-        for recipe in receiver.classifiers
-    ]
-    return [replace(plan, receiver=part) for part in alone]
-
-
-def train_part(plan: Plan, progress: Progress = untold) -> Training:
-    """Train a part of :func:`parts_of` as often as the budget says.
+def train_part(lesson: Lesson, progress: Progress = untold) -> Training:
+    """Train one receiver once.
 
     FLDA reports progress block by block, another classifier once it is trained.
 
     Raises:
         VoccError: as :func:`train`.
     """
-    link, trainings = Link.of(plan), list[Training]()
-    for number in range(plan.budget.trainings):
-        if plan.receiver.classifiers:
-            trainings.append(train_classifier(plan, link, number))
-            progress(1 / plan.budget.trainings)
-        else:
-            trainings.append(train_flda(plan, link, number, progress))
-    return replace(trainings[0], further=tuple(trainings[1:]))
+    plan, number = lesson
+    model = plan.experiment.training_model(plan.world)
+    point, link = training_point(number), Link.of(plan)
+    if not plan.receiver.classifiers:
+        stream = PanelStream(link, model, plan.seed, attrgetter("features"), point)
+        return train_flda(plan, stream, progress)
+    # Training frames have the same names as those of FLDA; test frames never do.
+    (recipe,) = plan.receiver.classifiers
+    model = narrowed(model, recipe.scene, f"classifiers.{recipe.name}.scene")
+    stream = PanelStream(link, model, plan.seed, recipe.inputs.of, point)
+    training = train_classifier(recipe, stream, number, plan.budget.training_frames)
+    progress(1 / plan.budget.trainings)
+    return training
 
 
-def train_flda(plan: Plan, link: Link, number: int, progress: Progress) -> Training:
-    """Train FLDA, and keep some of its features for figures; arguments as :func:`train_classifier`.
+def train_flda(plan: Plan, stream: "PanelStream", progress: Progress) -> Training:
+    """Train FLDA, and keep some of its features for figures.
 
     Raises:
         VoccError: no panel was found in any training frame, or LEDs of one status alone.
     """
     begun, frames = time.perf_counter(), plan.budget.training_frames
-    flda = FLDA(_N_FEATURES).to(link.simulator.device)
-    scenes = plan.experiment.training_model(plan.world)
-    inputs, point = attrgetter("features"), training_point(number)
-    stream = PanelStream(link, scenes, plan.seed, inputs, point)
+    flda = FLDA(_N_FEATURES).to(stream.link.simulator.device)
     samples: list[tuple[Tensor, Tensor]] = []
     # A block at a time: sums then do not depend on the batch's size.
     blocks = -(-frames // BLOCK_FRAMES)
@@ -214,10 +237,11 @@ def train_flda(plan: Plan, link: Link, number: int, progress: Progress) -> Train
     return Training(flda, frames, missed, x, bits, time.perf_counter() - begun)
 
 
-def training_key(plan: Plan) -> str:
-    """Name all that the trained receivers of a plan depend on; of the experiment only its training scenes."""
+def training_key(plan: Plan, number: int = 0) -> str:
+    """Name all that a plan's trained receivers depend on; of the experiment only its training scenes."""
     settings = identity(plan, [plan.receiver.locator])
-    return canonical({**settings, "experiment": settings["experiment"]["training"]})
+    training = settings["experiment"]["training"]
+    return canonical({**settings, "experiment": training, "number": number})
 
 
 def trained_receiver(plan: Plan, training: Training) -> Receiver:
@@ -272,17 +296,14 @@ def settings_used(settings: Settings, receiver: Receiver) -> Settings:
         return settings
     settings_of_locator: dict[str, Any] = locator_settings(receiver.locator)
     name, locators = locator_words(receiver.locator)
-    limits = asdict(settings.receiver.location)
-    limits |= {
-        key: value
-        for key, value in settings_of_locator.get("paper", settings_of_locator).items()
-        if key in limits
-    }
+    location = settings.receiver.location
+    limits = settings_of_locator.get("paper", settings_of_locator)
+    known = {key: limits[key] for key in asdict(location) if key in limits}
     named = replace(
         settings.receiver,
         save=receiver.name,
         locator=name,
-        location=replace(settings.receiver.location, **limits),
+        location=replace(location, **known),
         false_alarms=None if locators else settings_of_locator.get("false_alarms"),
     )
     classifiers = {
@@ -311,7 +332,7 @@ class PanelStream:
     model: SceneModel
     seed: int
     inputs: Callable[[Readings], Tensor]
-    point: str = "train"
+    point: str
     frames: int = 0
     seconds: float = 0.0
 
@@ -347,29 +368,25 @@ class PanelStream:
         self.seconds += time.perf_counter() - begun
 
 
-def train_classifier(plan: Plan, link: Link, number: int) -> Training:
-    """Train a plan's only classifier.
-
-    Training frames have the same names as those of FLDA; test frames never do.
+def train_classifier(
+    recipe: ClassifierPlan, stream: PanelStream, number: int, frames: int
+) -> Training:
+    """Train a classifier.
 
     Args:
-        plan: a part of the study.
-        link: simulation, locator and reader.
-        number: of the training, from 0 on; each has frames and first weights of its own.
+        recipe: what is trained, and how.
+        stream: the training frames.
+        number: of the training, from which its first weights follow.
+        frames: training frames where the recipe has no number of its own.
 
     Raises:
         VoccError: a classifier that cannot be built or trained, by its name.
     """
-    (recipe,) = plan.receiver.classifiers
-    scenes = plan.experiment.training_model(plan.world)
-    model = narrowed(scenes, recipe.scene, f"classifiers.{recipe.name}.scene")
-    point = training_point(number)
-    stream = PanelStream(link, model, plan.seed, recipe.inputs.of, point)
     steps = replace(recipe.training, seed=recipe.training.seed + number)
     guarded = plugged.classifier_of(recipe.build, recipe.inputs, steps)
     begun = time.perf_counter()
     with plugged.seeded(steps.seed):
-        guarded.fit_stream(stream, recipe.frames or plan.budget.training_frames)
+        guarded.fit_stream(stream, recipe.frames or frames)
     # An interrupted training that went on has a price too.
     earlier_s = float(getattr(guarded.classifier, "earlier_s", 0.0))
     seconds = time.perf_counter() - begun + earlier_s

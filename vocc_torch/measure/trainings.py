@@ -50,11 +50,12 @@ class Trained:
     ) -> Estimate:
         """Give the interval of the algorithm's rate: trainings and frames are the units, crossed.
 
-        The half-widths of two intervals are added in squares (variance estimates recovery, Zou and Donner
-        2008). The first is :func:`~vocc_torch.measure.intervals.ber_interval` over frames, with the errors of
-        all trainings in a frame together. The second is a t interval over the K rates, on a logarithmic
-        scale. Both contain the interaction of training and frame, so the interval is a little too wide if
-        the interaction dominates. Without errors the interval is that of a single receiver.
+        The half-widths of two intervals are added in squares, as in
+        :meth:`~vocc_torch.measure.estimate.Estimate.less`. The first is
+        :func:`~vocc_torch.measure.intervals.ber_interval` over frames, with the errors of all trainings in a
+        frame together. The second is a t interval over the K rates, on a logarithmic scale. Both contain the
+        interaction of training and frame, so the interval is a little too wide if the interaction dominates.
+        Without errors the interval is that of a single receiver.
 
         Args:
             confidence: above 0, below 1.
@@ -96,14 +97,12 @@ def widened(
     if len(each) < 2:
         return frames
     reach = t_reach(each, confidence) * math.sqrt(1 + len(each) * against_one)
-    below = above = reach
-    if logarithmic:
-        # A factor that overflows bounds nothing.
-        factor = math.exp(min(reach / frames.value, 700.0))
-        below, above = frames.value * (1 - 1 / factor), frames.value * (factor - 1)
-    low = frames.value - math.hypot(frames.value - frames.low, below)
-    high = frames.value + math.hypot(frames.high - frames.value, above)
-    return Estimate(frames.value, max(0.0, low) if logarithmic else low, min(1.0, high))
+    if not logarithmic:
+        return frames.less(Estimate(0.0, -reach, reach)).clipped(-math.inf, 1.0)
+    # A factor that overflows bounds nothing.
+    factor = math.exp(min(reach / frames.value, 700.0))
+    above, below = frames.value * (factor - 1), frames.value * (1 - 1 / factor)
+    return frames.less(Estimate(0.0, -above, below)).clipped(0.0, 1.0)
 
 
 def t_reach(each: Sequence[float], confidence: float = CONFIDENCE) -> float:
@@ -129,7 +128,9 @@ def mean_difference(
         confidence: above 0, below 1.
     """
     # If no frame differs, the assumed discordant frame has the same difference in all trainings.
-    size = float(len(a.counts)) if pooled.bits >= len(a.counts) * pooled.frames else 1.0
+    size = (
+        float(len(a.counts)) if pooled.a.bits >= len(a.counts) * pooled.frames else 1.0
+    )
     frames = paired_interval(pooled, confidence, size)
-    found = widened(frames, np.subtract(a.rates, b.rates).tolist(), confidence)
-    return Estimate(found.value, max(-1.0, found.low), found.high)
+    scatter = np.subtract(a.rates, b.rates).tolist()
+    return widened(frames, scatter, confidence).clipped(-1.0, 1.0)

@@ -136,7 +136,7 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
     """
     lines = [PAIRED_COLUMNS]
     for curves in all_curves:
-        for value in curves.pairs:
+        for value in curves.errors:
             for a, b in combinations(curves.receivers, 2):
                 if (paired := curves.pair(a, b, value)).frames:
                     found = paired_interval(paired)
@@ -150,8 +150,8 @@ def write_paired(path: str | Path, all_curves: Iterable[curve.Curves]) -> None:
                         paired.frames,
                         *astuple(found),
                         int(found.real),
-                        paired.a_worse,
-                        paired.b_worse,
+                        paired.a.frame_errors,
+                        paired.b.frame_errors,
                         sign_test(paired),
                     ]
                     trained = (1, None, None, None, None)

@@ -44,8 +44,8 @@ def run_train(settings: config.Settings, folder: Path) -> None:
     plan, console = build.build_plan(settings), terminal.Console()
     with run_folder.resumable(settings, folder, console):
         samples.write_samples(folder, plan, ["train"])
-        parts = len(train.parts_of(plan))
-        with terminal.ProgressView(parts, console, unit="") as view:
+        learners = 1 + len(plan.receiver.classifiers)
+        with terminal.ProgressView(learners, console, unit="") as view:
             training = train.train(plan, partial(view.advance, "training"))
         write_training(settings, plan, training, folder)
     run_folder.say(console, *terminal.trained_lines(training), kept(plan))
@@ -206,7 +206,7 @@ def notes_on(plan: Plan, curves: curve.Curves) -> list[str]:
             for value in curves.values
         }
         for name in names
-        if reference in names and curves.pairs and name != reference
+        if reference in names and curves.errors and name != reference
     }
     text = page.render(
         __package__,

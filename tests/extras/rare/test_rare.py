@@ -146,6 +146,6 @@ def test_tilted_frames_give_the_rates_that_counting_gives(study, trained, rare_c
         assert apart[1].low < apart[0].high
         assert few.frame_errors > 0.5 * many.frame_errors  # of half as many frames
     row = rare_curves.of("flda_3")[0]
-    assert (row.method, row.frames, rare_curves.pairs) == ("rare", 640, {})
+    assert (row.method, row.frames, rare_curves.errors) == ("rare", 640, {})
     assert row.effective_frames > 640
     assert row.unseen_below == pytest.approx(2.9957 / 160, rel=1e-4)

@@ -243,7 +243,7 @@ def scene_rows(
             "receiver": key.receiver,
             **counted(counts),
             "panels_missed": counts.panels_missed,
-            "ratio": rate_ratio(reference, counts, pair.pairs[0, 1]) or BLANK,
+            "ratio": rate_ratio(reference, counts, pair.pair(0, 1)) or BLANK,
         }
 
 

@@ -216,7 +216,7 @@ def change_cells(present: FrameErrors, absent: FrameErrors, *, lost: bool) -> Ta
     """
     both = FrameErrors.stacked([present, absent])
     most = both.leds / 2 if lost else 1.0
-    change = paired_interval(both.pairs[0, 1], errors_per_discordant_frame=most)
+    change = paired_interval(both.pair(0, 1), errors_per_discordant_frame=most)
     with_it, without_it = both.counts
     return {
         "frames": with_it.frames,
