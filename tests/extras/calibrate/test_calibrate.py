@@ -25,6 +25,7 @@ from vocc_torch.extras.calibrate.noise import Noise, expected
 from vocc_torch.extras.calibrate.reading import Footage, read_footage
 from vocc_torch.extras.calibrate.scene import spread
 from vocc_torch.extras.calibrate.study import calibrate, demand_contrast
+from vocc_torch.extras.calibrate.surround import falloff
 from vocc_torch.receiver.locators import PaperLocator, locator_named
 from vocc_torch.rng import BlockKey, FrameKey
 from vocc_torch.types import Panels
@@ -289,3 +290,17 @@ def test_bits_of_another_panel_are_refused(tmp_path):
     assert read_bits(tmp_path / "b.npy", "calibrate.bits", (4, 4)).shape == (3, 4, 4)
     with pytest.raises(VoccError, match=r"must be bool of shape \(N,8,8\)"):
         read_bits(tmp_path / "b.npy", "calibrate.bits", (8, 8))
+
+
+@pytest.mark.parametrize("background_grey", [13.0, 100.0])
+def test_a_lens_barrels_loss_is_found_by_day_and_by_night(background_grey):
+    """The light is cos^4 of the angle times a loss that grows with the square of the distance to the middle."""
+    scene = Scene.of(1, **{**LIGHT, **AT, "background_grey": background_grey})
+    fit = fit_of(scene, [[True] * SMALL.shape.leds])
+    y, x = np.indices(CAMERA.sensor_px) + 0.5
+    away = (x - CAMERA.width_px / 2) ** 2 + (y - CAMERA.height_px / 2) ** 2
+    light = (1 + away / CAMERA.focal_length_px**2) ** -2 * (1 - 0.3 * away / away.max())
+    greys = background_grey * light ** (1 / CAMERA.gamma)
+    found = falloff(greys[None].round(2), np.ones_like(away, bool), fit)
+    assert found.gain > 10
+    assert abs(found.corner_loss - 0.3) < 0.02

@@ -137,6 +137,14 @@ def test_a_report_of_other_figures_or_readings_stays_as_it_is(some, place):
         ),
         (
             (
+                "figures.names=[fig22]",
+                "figures.experiments.ambient.row_axis=led_luminance_cd_m2",
+                "figures.experiments.ambient.rows=[2000,4000]",
+            ),
+            "figures.experiments.ambient.row_axis is led_luminance_cd_m2: it must be null but for dimming",
+        ),
+        (
+            (
                 "figures.names=[fig21]",
                 "figures.experiments.contrast.values=[0.98,0.99]",
             ),

@@ -57,7 +57,7 @@ class LearningSettings:
     decay: float = 1e-3  # of weights
     most_gradient: float = 5.0
     newest: float = 2e-3  # share of the newest weights in their moving mean
-    int8_frames: int = 64  # that set the ranges of the graphs of 8 bits
+    int8_frames: int = 240  # that set the ranges of the graphs of 8 bits
 
 
 SETTINGS = LearningSettings()
