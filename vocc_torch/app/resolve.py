@@ -234,32 +234,34 @@ def refuse_without_effect(settings: AppConfig, words: Sequence[str]) -> None:
         ...
         vocc_torch.errors.VoccError: scene.effects={} takes none away: write ~scene.effects.NAME for each
     """
-    task, experiment, model = settings.task, settings.experiment, settings.model
-    finder = settings.receiver.locator if task in ONE_LOCATOR else None
-    tested = {*experiment.scene, experiment.axis, experiment.row_axis}
     for word in words:
         refuse_shadowed(settings.scene, word)
-        key = key_of(word)
-        group, _, name = key.partition(".")
-        rule = ""
-        if model and covers(TASKS[task].brought, key):
-            key = "classifier" if key == "classifiers" else key
-            rule = f"the model brings its own; leave {key} or model out"
-        elif key == "plug_ins" and model in (None, SHIPPED):
-            rule = "it must be empty without a model, a new one names its parts"
-        elif key == "receiver.false_alarms" and finder not in (None, *STATING):
-            # A model finds panels with its own locator.
-            rule = f"only detector states them, and receiver.locator is {finder}"
-            rule *= not model
-        elif (
-            name in experiment.training
-            and group == "scene"
-            and (task == "train" or (task == "test" and name in tested))
-        ):
-            rule = f"the experiment {experiment.name} sets its own: give experiment.training.{name}"
-            rule += f" or experiment.scene.{name}" * (task == "test")
-        if rule:
-            raise VoccError(f"{said(word)}: {rule}")
+        if reason := without_effect(settings, key_of(word)):
+            raise VoccError(f"{said(word)}: {reason}")
+
+
+def without_effect(settings: AppConfig, key: str) -> str:
+    """Say why a key has no effect beside the model, the locator or the experiment; empty if it has one."""
+    task, model, experiment = settings.task, settings.model, settings.experiment
+    section, _, name = key.partition(".")
+    if model and covers(TASKS[task].brought, key):
+        group = "classifier" if key == "classifiers" else key
+        return f"the model brings its own; leave {group} or model out"
+    if key == "plug_ins" and model in (None, SHIPPED):
+        return "it must be empty without a model, a new one names its parts"
+    if key == "receiver.false_alarms" and not model and task in ONE_LOCATOR:
+        # A model finds panels with its own locator.
+        locator = settings.receiver.locator
+        rule = f"only detector states them, and receiver.locator is {locator}"
+        return rule * (locator not in STATING)
+    if section == "scene" and name in experiment.training:
+        training = f"the experiment {experiment.name} sets its own: give experiment.training.{name}"
+        if task == "train":
+            return training
+        tested = {*experiment.scene, experiment.axis, experiment.row_axis}
+        if task == "test" and name in tested:
+            return f"{training} or experiment.scene.{name}"
+    return ""
 
 
 def complaint(error: BaseException) -> str:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 from vocc_torch.errors import VoccError
@@ -112,25 +113,18 @@ class LiveStream:
         """Read until the source ends, in the thread."""
         av = av_library(self.source)
         name = "stdin" if self.source == STANDARD_INPUT else self.source
-        end = None
-        index = 0
+        end, numbers, how = None, count(), (self.channel, self.grey_only)
+        picture = None
         try:
             for picture in self.container.decode(video=0):
                 if self.is_closed:
                     break
-                for frame in frames_of(
-                    picture,
-                    name,
-                    index,
-                    self.channel,
-                    self.grey_only,
-                    time.monotonic(),
-                ):
+                now = time.monotonic()
+                for frame in frames_of(picture, name, numbers, *how, now):
                     self.put(frame)
-                    index += 1
         except (av.error.FFmpegError, IndexError, ValueError, OSError) as error:
             end = " ".join(str(error).split())
-            if self.source == STANDARD_INPUT and not index:
+            if self.source == STANDARD_INPUT and picture is None:
                 end += "; it takes Matroska, MPEG-TS or YUV4MPEG"
         self.queue.put(end)
 

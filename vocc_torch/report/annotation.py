@@ -1,7 +1,7 @@
 """Pictures with the panel's outline and its bits drawn in."""
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageOps
 
 from vocc_torch.arrays import Bools, Bytes, Floats
 
@@ -53,7 +53,4 @@ def led_centres_px(corners_px: Floats, bits: Bools) -> Floats:
 
 def enlarged(colour: Pixels, scale: int) -> Image.Image:
     """Show each pixel as a square of ``scale`` by ``scale``."""
-    picture = Image.fromarray(colour)
-    return picture.resize(
-        (picture.width * scale, picture.height * scale), Image.Resampling.NEAREST
-    )
+    return ImageOps.scale(Image.fromarray(colour), scale, Image.Resampling.NEAREST)

@@ -141,21 +141,19 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
     """
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = reader.parse(markdown)
-    starts = []
-    for token in tokens:
-        if token.nesting > 0:
-            starts.append(token)
+    for place, token in enumerate(tokens):
+        if token.type != "inline":
+            continue
         for picture in token.children or ():
             if picture.type == "image":
                 embed(picture, Path(folder))
-        if token.type == "inline":
-            # A short item's words stand in a paragraph that is not shown.
-            parent = starts[-2] if starts[-1].hidden else starts[-1]
-            if parent.type == "heading_open":
-                parent.attrSet("id", slug(token.content))
-            for tone, sign in SIGNS.items():
-                if token.content.lstrip("*").startswith(f"{sign} "):
-                    parent.attrSet("class", tone)
+        # A short item's words stand in a paragraph that is not shown.
+        parent = tokens[place - 1 - tokens[place - 1].hidden]
+        if parent.type == "heading_open":
+            parent.attrSet("id", slug(token.content))
+        for tone, sign in SIGNS.items():
+            if token.content.lstrip("*").startswith(f"{sign} "):
+                parent.attrSet("class", tone)
     body = Markup(reader.renderer.render(tokens, reader.options, {}))
     style = Markup(Path(__file__).with_name("page.css").read_text("utf-8"))
     values = {"title": _one_line(title), "style": style, "body": body}
