@@ -26,7 +26,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.app.config import AppConfig, inside_runs, register
 from vocc_torch.app.jobs import (
-    Job,
+    JobState,
     Mailbox,
     begin_again,
     beside_others,
@@ -183,7 +183,7 @@ def run_job(config: DictConfig, mailbox: Mailbox, heard: Sequence[int]) -> None:
     one_of_many, words = about.mode == RunMode.MULTIRUN, words_of(about)
     folder, said = Path(about.runtime.output_dir), " ".join(words)
     number = int(about.job.num) if one_of_many else 0
-    job = Job(number, folder, is_apart=os.getpid() != mailbox.parent)
+    job = JobState(number, folder, is_apart=os.getpid() != mailbox.parent)
     mailbox.put(job)
     trace, mine = "", False
     try:
@@ -322,18 +322,18 @@ def own_scenes(words: Sequence[str]) -> list[str]:
 
     A run NAME keeps its scene as ``runs/NAME/scene/NAME.yaml``, so that ``scene=NAME`` is found there.
     """
-    found = {
-        f"runs/{name}": None
+    names = [
+        name
         for word in words
         if word.startswith("scene=")
         for name in word.removeprefix("scene=").split(",")
         # No path, and nothing that is too long for one.
         if re.fullmatch(r"\w[\w.-]{0,99}", name)
         and Path("runs", name, "scene", f"{name}.yaml").is_file()
-    }
-    if not found or any(word.startswith("hydra.searchpath=") for word in words):
+    ]
+    if not names or any(word.startswith("hydra.searchpath=") for word in words):
         return []
-    paths = (QuotedString(f"file://{path}", Quote.single) for path in found)
+    paths = (QuotedString(f"file://runs/{name}", Quote.single) for name in names)
     return [f"hydra.searchpath=[{','.join(path.with_quotes() for path in paths)}]"]
 
 

@@ -166,8 +166,7 @@ def described(plain: Mapping[str, Any]) -> str:
     path: list[str] = []
     for line in OmegaConf.to_yaml(OmegaConf.create(dict(plain))).splitlines():
         if found := re.match(r"( *)(\w+):", line):
-            depth = len(found[1]) // 2
-            path[depth:] = [found[2]]
+            path[len(found[1]) // 2 :] = [found[2]]
             if text := said.get(".".join(path)):
                 lines.append(f"{found[1]}# {text}")
         lines.append(line)

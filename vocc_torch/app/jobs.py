@@ -24,7 +24,7 @@ FAILED, CONFIG = "failed.txt", "config.yaml"
 
 
 @dataclass(frozen=True)
-class Job:
+class JobState:
     """What is known of a job of a command.
 
     Args:
@@ -57,8 +57,8 @@ class Mailbox:
         >>> import tempfile
         >>> with tempfile.NamedTemporaryFile() as file:
         ...     mailbox = Mailbox(Path(file.name), os.getpid())
-        ...     mailbox.put(Job(3, Path("runs/two/3")))
-        ...     mailbox.put(Job(3, Path("runs/two/3"), complaint="panel.rows is 0: it must be at least 1"))
+        ...     mailbox.put(JobState(3, Path("runs/two/3")))
+        ...     mailbox.put(JobState(3, Path("runs/two/3"), complaint="panel.rows is 0: it must be at least 1"))
         ...     [job.complaint for job in mailbox.jobs()]
         ['panel.rows is 0: it must be at least 1']
     """
@@ -66,7 +66,7 @@ class Mailbox:
     file: Path
     parent: int
 
-    def put(self, job: Job) -> None:
+    def put(self, job: JobState) -> None:
         """Write down what is known of a job.
 
         Raises:
@@ -80,12 +80,12 @@ class Mailbox:
             reason = job.complaint or f"{self.file}: {error.strerror}"
             raise VoccError(reason) from None
 
-    def jobs(self) -> list[Job]:
+    def jobs(self) -> list[JobState]:
         """Give the jobs that have begun, by number, as they were last written down."""
-        jobs: dict[int, Job] = {}
+        jobs: dict[int, JobState] = {}
         for line in self.file.read_text("utf-8").splitlines():
             number, folder, *about = json.loads(line)
-            jobs[number] = Job(number, Path(folder), *about)
+            jobs[number] = JobState(number, Path(folder), *about)
         return [jobs[number] for number in sorted(jobs)]
 
 

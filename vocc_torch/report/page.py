@@ -52,26 +52,22 @@ def environment(package: str) -> jinja2.Environment:
 
     @jinja2.pass_context
     def escaped(context: jinja2.runtime.Context, value: object) -> object:
-        markdown = context.name is not None and context.name.endswith(".md.j2")
-        return md(value) if markdown and not hasattr(value, "__html__") else value
+        is_markdown = str(context.name).endswith(".md.j2")
+        return md(value) if is_markdown and not hasattr(value, "__html__") else value
 
     filled = jinja2.Environment(
-        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=escaped,
+        # Values of ``*.md.j2`` come here as Markdown already, and stay what they are.
+        autoescape=lambda name: str(name).endswith((".md.j2", ".html.j2")),
+        loader=jinja2.ChoiceLoader(
+            [jinja2.PackageLoader(name, "") for name in (package, __package__)]
+        ),
     )
-    filled.undefined, filled.finalize = jinja2.StrictUndefined, escaped
-    filled.loader = jinja2.ChoiceLoader(
-        [jinja2.PackageLoader(name, "") for name in (package, __package__)]
-    )
-    # Values of ``*.md.j2`` come here as Markdown already, and stay what they are.
-    filled.autoescape = lambda name: (
-        name is not None and name.endswith((".md.j2", ".html.j2"))
-    )
-    filled.filters |= {
-        "md": md,
-        "code": code,
-        "block": block,
-        "rate": rate_text,
-    }
+    filled.filters |= {"md": md, "code": code, "block": block, "rate": rate_text}
     filled.globals["SIGNS"] = SIGNS
     return filled
 
