@@ -177,8 +177,6 @@ def test_what_is_no_panel_is_called_doubtful(decode, model, tmp_path, capsys):
 RECORDINGS = {
     "no.png": "input no.png does not exist",
     "text.png": "text.png cannot be read as a picture (not a known picture format)",
-    "film.mp4": "film.mp4 cannot be read as a video",
-    "empty": "empty holds no picture",
     "flat.png": "shows no panel of 8 x 8 LEDs in 1 of 1 frames: see receiver.location",
     "cut": "a.png cannot be read as a picture (image file is truncated); input cut/b.png cannot be read",
 }
@@ -189,8 +187,6 @@ def test_a_recording_that_cannot_be_used_leaves_nothing(
     decode, model, photo, tmp_path, name
 ):
     (tmp_path / "text.png").write_text("no picture")
-    (tmp_path / "film.mp4").write_text("no film")
-    (tmp_path / "empty").mkdir()
     Image.new("L", (60, 80), 90).save(tmp_path / "flat.png")
     (tmp_path / "cut").mkdir()
     for cut in ("a.png", "b.png"):

@@ -12,21 +12,13 @@ import cv2
 import numpy as np
 import pytest
 from film_files import write_film
+from test_pictures import frames as frames
 from test_pictures import read_to_the_end
 
 from vocc_torch.errors import VoccError
 from vocc_torch.recordings.films import read_film
 from vocc_torch.recordings.reading import expected_frames, read_recording
 from vocc_torch.recordings.streams import LiveStream
-
-
-@pytest.fixture(scope="module")
-def frames():
-    """Eight smooth random pictures, (8,H,W) uint8."""
-    noise = np.random.default_rng(0).integers(40, 216, (8, 8, 10)).astype(np.uint8)
-    return np.stack(
-        [cv2.resize(one, (160, 128), interpolation=cv2.INTER_CUBIC) for one in noise]
-    )
 
 
 def distance(one, other):

@@ -86,6 +86,3 @@ def test_real_says_whether_the_interval_leaves_out_0(tmp_path, curves):
     swapped = found["2500.5", "flda_2", "flda_3"]
     assert (swapped["a_worse"], swapped["b_worse"]) == ("0", "100")
     assert float(swapped["sign_test_p"]) == pytest.approx(2 * 0.5**100)
-
-
-# On the terminal

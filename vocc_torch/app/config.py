@@ -119,7 +119,7 @@ def inside_runs(folder: str | Path) -> bool:
     return Path(os.path.realpath("runs")) in Path(os.path.realpath(folder)).parents
 
 
-def run_folder(name: str) -> str:
+def run_folder(name: object) -> str:
     """Give the folder of a run, in which Hydra makes it, or refuse one that is not below ``runs/``.
 
     Raises:
@@ -130,17 +130,17 @@ def run_folder(name: str) -> str:
         >>> run_folder("two/words")
         'runs/two/words'
     """
-    path = Path(name)
-    if not name.isprintable() or set("`[]") & set(name):
-        raise VoccError.of("name", ascii(name), "printable, without `, [ and ]")
+    path = Path(text := str(name))
+    if not text.isprintable() or set("`[]") & set(text):
+        raise VoccError.of("name", ascii(text), "printable, without `, [ and ]")
     if not path.parts or ".." in path.parts or not inside_runs("runs" / path):
         raise VoccError.of(
-            "name", repr(name), "a folder below runs/, without .. or links out"
+            "name", repr(text), "a folder below runs/, without .. or links out"
         )
     return str("runs" / path)
 
 
-def job_folder(name: str, job: int) -> str:
+def job_folder(name: object, job: int) -> str:
     """Give the folder of a multirun's job in that of its run, or refuse one that is a link out of it."""
     run_folder(f"{name}/{job}")
     return str(job)
@@ -200,12 +200,8 @@ def descriptions(schema: type) -> dict[str, str]:
 
 
 # Here, because worker processes of a multirun import this and register nothing.
-OmegaConf.register_new_resolver(
-    "run_folder", lambda name: run_folder(str(name)), replace=True
-)
-OmegaConf.register_new_resolver(
-    "job_folder", lambda name, job: job_folder(str(name), job), replace=True
-)
+OmegaConf.register_new_resolver("run_folder", run_folder, replace=True)
+OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
 
 
 def hydra_settings() -> HydraConf:

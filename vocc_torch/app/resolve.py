@@ -47,21 +47,6 @@ OmegaConf.register_new_resolver(
     "described", lambda _root_: described(task_plain(_root_)), replace=True
 )
 
-GROUPS = (
-    "task",
-    "scene",
-    "camera",
-    "panel",
-    "classifier",
-    "receiver",
-    "budget",
-    "executor",
-    "experiment",
-)
-
-STATING = ("detector",)
-"""Locators that state false alarms."""
-
 ONE_LOCATOR = ("train", "test", "decode", "receive", "classifiers")
 """Tasks that find the panel with receiver.locator and no other."""
 
@@ -104,9 +89,10 @@ def hydra_words(words: Sequence[str], sweeps: bool = False) -> list[str]:
         if override.is_sweep_override() and not sweeps:
             rule = "one value; -m runs several, and a list is written [a,b]"
             raise VoccError.of(key, word.partition("=")[2], rule)
-        chooses = key in GROUPS or "/" in key or override.package is not None
+        is_group = bool(options_of(key))
+        chooses = is_group or "/" in key or override.package is not None
         own = chooses or key.startswith("hydra.") or override.is_delete()
-        if key in GROUPS and not override.is_delete():
+        if is_group and not override.is_delete():
             demand_option(override)
         else:
             demand_shape(override, keys_of(AppConfig))
@@ -253,7 +239,7 @@ def without_effect(settings: AppConfig, key: str) -> str:
         # A model finds panels with its own locator.
         locator = settings.receiver.locator
         rule = f"only detector states them, and receiver.locator is {locator}"
-        return rule * (locator not in STATING)
+        return rule * (locator != "detector")
     if section == "scene" and name in experiment.training:
         training = f"the experiment {experiment.name} sets its own: give experiment.training.{name}"
         if task == "train":
