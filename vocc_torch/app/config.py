@@ -159,12 +159,12 @@ NAMES = {
 """What the help lists by name: it does not wait for torch, which what defines them needs."""
 
 
-def described(plain: Mapping[str, Any]) -> str:
+def described(plain: dict[str, Any]) -> str:
     """Write a configuration as YAML, each key below its description."""
     said = descriptions(AppConfig)
     lines: list[str] = []
     path: list[str] = []
-    for line in OmegaConf.to_yaml(OmegaConf.create(dict(plain))).splitlines():
+    for line in OmegaConf.to_yaml(OmegaConf.create(plain)).splitlines():
         if found := re.match(r"( *)(\w+):", line):
             path[len(found[1]) // 2 :] = [found[2]]
             if text := said.get(".".join(path)):

@@ -104,8 +104,7 @@ def begin_again(folder: Path) -> bool:
         >>> begin_again(Path("no/such/folder"))
         True
     """
-    names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else set()
-    names.discard(UNFINISHED)
+    names = {path.name for path in folder.glob("*")} - {UNFINISHED}
     if not inside_runs(folder):
         return not names
     attempted = names <= {FAILED, CONFIG}

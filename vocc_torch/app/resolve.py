@@ -146,12 +146,10 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
             if not covers(task.keys, key):
                 empty = None if kinds[key] is Any else kinds[key]()
                 OmegaConf.update(merged, key, empty)
-        # Classes that several keys have name their errors by the key of another.
+        settings: Any = None
         for place, usual, node in sections(merged):
             with section(place, before=usual):
-                OmegaConf.to_object(node)
-        with section("receiver.location", before="location"):
-            settings: Any = OmegaConf.to_object(merged)
+                settings = OmegaConf.to_object(node)
     refuse_without_effect(settings, words)
     return cast(AppConfig, settings)
 
@@ -176,12 +174,17 @@ def demand_used(task: str, key: str, said: str) -> None:
 
 
 def sections(merged: DictConfig) -> Iterator[tuple[str, str, DictConfig]]:
-    """List sections of a configuration whose class stands under a second key, with this key."""
+    """List what a configuration consists of, the whole at last, with a key whose class names another one.
+
+    Yields:
+        The key, the key that the class names in refusals, and the values.
+    """
     yield "messages.record", "record", merged.messages.record
     yield "messages.signalling", "transmit", merged.messages.signalling
     for part in ("comparison", "figures"):
         for name, node in merged[part].experiments.items():
             yield f"{part}.experiments.{name}", "experiment", node
+    yield "receiver.location", "location", merged
 
 
 def key_of(word: str) -> str:

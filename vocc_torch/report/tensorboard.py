@@ -112,15 +112,15 @@ def write_figures(
         if settings.tensorboard:
             pictures[f"figures/{name}"] = np.array(Image.open(path).convert("RGB"))
     if settings.tensorboard:
-        texts = {"configuration": f"```yaml\n{as_yaml(settings)}\n```"}
-        write_boards(folder / "tensorboard", tables, pictures, texts, **rows)
+        configuration = f"```yaml\n{as_yaml(settings)}\n```"
+        write_boards(folder / "tensorboard", tables, pictures, configuration, **rows)
 
 
 def write_boards(
     folder: str | Path,
     tables: Mapping[str, Sequence[BerTable]],
     images: Mapping[str, Pixels] = {},
-    texts: Mapping[str, str] = {},
+    configuration: str = "",
     numbers: Mapping[str, dict[str, float]] = {},
     runs: Mapping[str, tuple[dict[str, Any], dict[str, float]]] = {},
 ) -> None:
@@ -138,7 +138,7 @@ def write_boards(
         tables: by group, tables of different axes; the name of a single group may be empty, for tags without
             one.
         images: (H,W,3) uint8 pictures by name.
-        texts: Markdown by name.
+        configuration: of the run, as Markdown.
         numbers: what else stands in a receiver's row of the HPARAMS tab, by receiver.
         runs: further runs by name, which are a row of the HPARAMS tab each: settings and numbers.
 
@@ -176,8 +176,7 @@ def write_boards(
                     writer.add_hparams(*row, run_name=".")
             with cleared_run(Path(folder) / SUMMARY_RUN) as writer:
                 write_guide(writer, parts)
-                for name, text in texts.items():
-                    writer.add_text(name, text)
+                writer.add_text("configuration", configuration)
                 for name, pixels in images.items():
                     writer.add_image(name, pixels, dataformats="HWC")
     except OSError as error:
