@@ -13,8 +13,8 @@ import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import hydra
@@ -119,12 +119,11 @@ def run_task(settings: AppConfig, folder: Path) -> None:
         VoccError: whatever the task refuses.
     """
     task = TASKS[settings.task]
-    module, name = task.run.split(":")
     section = [] if task.part is None else [getattr(settings, task.part)]
     # Imported here and not above, so that --help and misspelled keys answer at once.
     from vocc_torch.report.folder import refuse_results
 
-    run_it = getattr(import_module(f"vocc_torch.{module}"), name)
+    run_it = resolve_name(f"vocc_torch.{task.run}")
     refuse_results(folder, task.resumed)
     collect_again()
     run_it(settings, *section, folder)

@@ -244,8 +244,8 @@ class FileConfigSource(file_config_source.FileConfigSource):
         plain = read_yaml(path, "configuration")
         if not isinstance(plain, dict | None):
             raise VoccError.of(str(path), shown(plain), "a mapping, as in key: value")
-        with path.open(encoding="utf-8", errors="replace") as file:
-            header = self._get_header_dict(file.read(512))
+        head = path.read_bytes()[:512].decode(errors="replace")
+        header = self._get_header_dict(head)
         config = OmegaConf.create(plain or {})
         return ConfigResult(self.provider, f"file://{self.path}", config, header)
 
