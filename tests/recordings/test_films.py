@@ -2,8 +2,6 @@
 
 import os
 import re
-import subprocess
-import sys
 import threading
 import time
 
@@ -151,26 +149,19 @@ def test_files_that_are_no_films_are_refused_in_one_line(tmp_path, content):
 
 
 @pytest.mark.parametrize("suffix", ["mkv", "ts", "y4m"])
-def test_a_film_on_standard_input_is_read_frame_by_frame(frames, tmp_path, suffix):
+def test_a_film_on_standard_input_is_read_frame_by_frame(
+    command, frames, tmp_path, suffix
+):
     codec = {"mkv": "mpeg4", "ts": "mpeg2video", "y4m": "wrapped_avframe"}[suffix]
     path = write_film(tmp_path / f"film.{suffix}", frames, codec)
     code = (
         "import numpy as np; from vocc_torch.recordings.reading import read_source;"
         "print([round(float(np.mean(frame.grey))) for frame in read_source('-', 'luma')])"
     )
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     with path.open("rb") as film:
-        command = [sys.executable, "-c", code]
-        run = subprocess.run(
-            command,
-            stdin=film,
-            capture_output=True,
-            text=True,
-            env=environment,
-            timeout=120,
-        )
+        ran = command(cwd=tmp_path, code=code, stdin=film)
     means = [round(float(grey.mean())) for grey in frames]
-    assert np.abs(np.array(eval(run.stdout)) - means).max() <= 3, run.stderr
+    assert np.abs(np.array(eval(ran.out)) - means).max() <= 3, ran.err
 
 
 @pytest.mark.parametrize(
