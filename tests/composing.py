@@ -43,6 +43,15 @@ def composed(*words, raw=False):
     return config if raw else resolved(config, words)
 
 
+def own(file, target):
+    """The words for a classifier of a file."""
+    return (
+        "classifier=own",
+        f"classifiers.own.file={file}",
+        f"classifiers.own.build._target_={target}",
+    )
+
+
 def study_of(*words):
     """All that a task builds before it does any work."""
     return built(composed(*words))

@@ -65,13 +65,14 @@ def run_in(folder, *arguments, drawn=False):
         return run_here(*arguments, drawn=drawn)
 
 
-def run_apart(*arguments, cwd, code=None, environment=None):
+def run_apart(*arguments, cwd, code=None, environment=None, stdin=None):
     """Run ``python -m vocc_torch`` from ``cwd``; ``code`` is run instead of ``-m vocc_torch``."""
     start = ["-m", "vocc_torch"] if code is None else ["-c", code]
     done = subprocess.run(
         [sys.executable, *start, *map(str, arguments)],
         cwd=cwd,
         env={**os.environ, "OMP_NUM_THREADS": "1", **(environment or {})},
+        stdin=stdin,
         capture_output=True,
         text=True,
         timeout=300,

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from composing import complaint_of, composed, study_of
+from composing import complaint_of, composed, own, study_of
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import read_flat
@@ -171,14 +171,6 @@ def refused(*words):
         train(study_of(*TINY, *words))
     assert "\n" not in str(refusal.value)
     return str(refusal.value)
-
-
-def own(file, target):
-    return (
-        "classifier=own",
-        f"classifiers.own.file={file}",
-        f"classifiers.own.build._target_={target}",
-    )
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Locators of one's own in ``task=decode``: weights of the detector, and code that sees several panels."""
 
-import csv
 from importlib import resources
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 import torch
 from composing import composed
 from PIL import Image
+from run_files import rows_of
 
 from vocc_torch.app.cli import run_task
 from vocc_torch.errors import VoccError
@@ -69,24 +69,23 @@ def here(tmp_path, monkeypatch, photo):
     return tmp_path
 
 
-def rows_of(folder, *words):
+def decoded(folder, *words):
     """Decode into a folder and give its rows."""
     run_task(
         composed("task=decode", "input=two.png", "name=x", *FEW[-1:], *words), folder
     )
-    with (folder / "bits.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
+    return rows_of(folder / "bits.csv")
 
 
 def test_own_weights_see_several_panels_and_are_kept(here, photo_bits, monkeypatch):
-    rows = rows_of(here / "a", OWN, "receiver.locator=mine", "decode.most=3", *FEW)
+    rows = decoded(here / "a", OWN, "receiver.locator=mine", "decode.most=3", *FEW)
     assert [row["bits"] for row in rows] == [photo_bits] * 2
     assert [row["panel"] for row in rows] == ["0", "1"]
     monkeypatch.chdir(here.parent)
     kept = Receiver.load(here / "a" / "receiver.pt")
     assert kept.locator == DetectorLocator(str(here / "mine.json"))
     monkeypatch.chdir(here)
-    again = rows_of(here / "b", "model=a/receiver.pt", "decode.most=3")
+    again = decoded(here / "b", "model=a/receiver.pt", "decode.most=3")
     assert [row["bits"] for row in again] == [photo_bits] * 2
     text = (here / "b" / "config.yaml").read_text()
     assert f"weights: {here / 'mine.json'}" in text
@@ -98,7 +97,7 @@ def test_own_weights_see_several_panels_and_are_kept(here, photo_bits, monkeypat
 
 
 def test_a_locator_from_outside_may_see_several(here, photo_bits):
-    rows = rows_of(here / "a", "receiver.locator=mine.py:Own", "decode.most=2", *FEW)
+    rows = decoded(here / "a", "receiver.locator=mine.py:Own", "decode.most=2", *FEW)
     assert [row["bits"] for row in rows] == [photo_bits] * 2
     grey, shape = np.asarray(Image.open("two.png")), PanelShape(8, 8)
     own = plugged_locator(PlugIn.of("receiver.locator", "mine.py:Own"))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from composing import study_of
+from composing import own, study_of
 from run_files import rows_of
 
 from vocc_torch.errors import VoccError
@@ -29,14 +29,6 @@ LOCATOR, FEATURE, CLASSIFIER = (
         FILES, ("Brightest", "cell_deviation", "NearestMean"), strict=True
     )
 )
-
-
-def own(path, target):
-    return (
-        "classifier=own",
-        f"classifiers.own.file={path}",
-        f"classifiers.own.build._target_={target}",
-    )
 
 
 def test_an_unknown_argument_is_refused_with_those_that_the_class_takes():

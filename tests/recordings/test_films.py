@@ -2,8 +2,6 @@
 
 import os
 import re
-import subprocess
-import sys
 import threading
 import time
 
@@ -12,21 +10,13 @@ import cv2
 import numpy as np
 import pytest
 from film_files import write_film
+from test_pictures import frames as frames
 from test_pictures import read_to_the_end
 
 from vocc_torch.errors import VoccError
 from vocc_torch.recordings.films import read_film
 from vocc_torch.recordings.reading import expected_frames, read_recording
 from vocc_torch.recordings.streams import LiveStream
-
-
-@pytest.fixture(scope="module")
-def frames():
-    """Eight smooth random pictures, (8,H,W) uint8."""
-    noise = np.random.default_rng(0).integers(40, 216, (8, 8, 10)).astype(np.uint8)
-    return np.stack(
-        [cv2.resize(one, (160, 128), interpolation=cv2.INTER_CUBIC) for one in noise]
-    )
 
 
 def distance(one, other):
@@ -159,26 +149,19 @@ def test_files_that_are_no_films_are_refused_in_one_line(tmp_path, content):
 
 
 @pytest.mark.parametrize("suffix", ["mkv", "ts", "y4m"])
-def test_a_film_on_standard_input_is_read_frame_by_frame(frames, tmp_path, suffix):
+def test_a_film_on_standard_input_is_read_frame_by_frame(
+    command, frames, tmp_path, suffix
+):
     codec = {"mkv": "mpeg4", "ts": "mpeg2video", "y4m": "wrapped_avframe"}[suffix]
     path = write_film(tmp_path / f"film.{suffix}", frames, codec)
     code = (
         "import numpy as np; from vocc_torch.recordings.reading import read_source;"
         "print([round(float(np.mean(frame.grey))) for frame in read_source('-', 'luma')])"
     )
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     with path.open("rb") as film:
-        command = [sys.executable, "-c", code]
-        run = subprocess.run(
-            command,
-            stdin=film,
-            capture_output=True,
-            text=True,
-            env=environment,
-            timeout=120,
-        )
+        ran = command(cwd=tmp_path, code=code, stdin=film)
     means = [round(float(grey.mean())) for grey in frames]
-    assert np.abs(np.array(eval(run.stdout)) - means).max() <= 3, run.stderr
+    assert np.abs(np.array(eval(ran.out)) - means).max() <= 3, ran.err
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,9 @@
 """The dimming study's pictures and tables show the grid's own numbers, at their places."""
 
-import csv
-
 import numpy as np
 import pytest
 from made_up_dimming import AMBIENT, BITS, LUMINANCE, paper_like_grid
+from run_files import rows_of
 
 from vocc_torch.measure.grid import best_luminance
 from vocc_torch.report.heatmap import (
@@ -49,8 +48,7 @@ def test_each_map_has_its_receivers_rates_at_their_places(grid):
 
 def test_the_files_have_every_point_and_the_best_of_every_ambient_light(grid, tmp_path):
     write_grid(tmp_path / "ber.csv", grid)
-    files = [tmp_path / f"ber{end}.csv" for end in ("", "_best")]
-    rows, best = (list(csv.DictReader(file.read_text().splitlines())) for file in files)
+    rows, best = (rows_of(tmp_path / f"ber{end}.csv") for end in ("", "_best"))
     assert len(rows) == len(FOUR) * len(AMBIENT) * len(LUMINANCE)
     for row in rows[::17]:
         i = AMBIENT.index(float(row["ambient_lx"]))

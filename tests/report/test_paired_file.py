@@ -1,11 +1,11 @@
 """``paired.csv`` and the lines on the terminal: every two receivers compared, and who differs for certain."""
 
-import csv
 from itertools import combinations
 
 import numpy as np
 import pytest
 from made_up_tallies import errors_of
+from run_files import rows_of
 
 from vocc_torch.measure.curve import Curves, Point
 from vocc_torch.report.rate_tables import PAIRED_COLUMNS as COLUMNS
@@ -44,8 +44,7 @@ def curves():
 def written(path, *all_curves):
     """The lines of the file, by column."""
     write_paired(path / "paired.csv", all_curves)
-    with (path / "paired.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
+    return rows_of(path / "paired.csv")
 
 
 def test_a_line_for_every_two_receivers_at_every_value(tmp_path, curves):
@@ -86,6 +85,3 @@ def test_real_says_whether_the_interval_leaves_out_0(tmp_path, curves):
     swapped = found["2500.5", "flda_2", "flda_3"]
     assert (swapped["a_worse"], swapped["b_worse"]) == ("0", "100")
     assert float(swapped["sign_test_p"]) == pytest.approx(2 * 0.5**100)
-
-
-# On the terminal

@@ -1,11 +1,10 @@
 """The CSV file reads back to the same numbers and is never half there."""
 
-import csv
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_points import table as table
+from run_files import head_of, rows_of
 
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.curve import COLUMNS, MOST_VALUE, BerTable, Row
@@ -24,12 +23,11 @@ def read_table(path):
 
 def test_lines_stand_by_receiver_and_ascending_value(tmp_path, table):
     write_table(tmp_path / "ber.csv", table)
-    with (tmp_path / "ber.csv").open(newline="") as file:
-        lines = list(csv.reader(file))
-    assert tuple(lines[0]) == COLUMNS
-    assert [(line[3], line[2]) for line in lines[1:4]] == [
-        ("flda_2", v) for v in ("1000", "8000", "32000")
+    assert tuple(head_of(tmp_path / "ber.csv")) == COLUMNS
+    lines = [
+        (line["receiver"], line["value"]) for line in rows_of(tmp_path / "ber.csv")
     ]
+    assert lines[:3] == [("flda_2", v) for v in ("1000", "8000", "32000")]
 
 
 NUMBERS = st.floats(-MOST_VALUE, MOST_VALUE)

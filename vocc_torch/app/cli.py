@@ -12,11 +12,13 @@ import tempfile
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
-from importlib import import_module
+from dataclasses import replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import hydra
+from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.types import Quote, QuotedString
 from hydra.types import RunMode
@@ -24,7 +26,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from vocc_torch.app.config import AppConfig, inside_runs, register
 from vocc_torch.app.jobs import (
-    Jobs,
+    JobState,
+    Mailbox,
     begin_again,
     beside_others,
     watch_joblib,
@@ -116,12 +119,11 @@ def run_task(settings: AppConfig, folder: Path) -> None:
         VoccError: whatever the task refuses.
     """
     task = TASKS[settings.task]
-    module, name = task.run.split(":")
     section = [] if task.part is None else [getattr(settings, task.part)]
     # Imported here and not above, so that --help and misspelled keys answer at once.
     from vocc_torch.report.folder import refuse_results
 
-    run_it = getattr(import_module(f"vocc_torch.{module}"), name)
+    run_it = resolve_name(f"vocc_torch.{task.run}")
     refuse_results(folder, task.resumed)
     collect_again()
     run_it(settings, *section, folder)
@@ -154,8 +156,8 @@ def discard_if_empty(folder: Path) -> None:
             empty.rmdir()
 
 
-def complaint_of(error: Exception, folder: Path) -> str | None:
-    """Say what ended a job, if it is the user's or the machine's."""
+def complaint_of(error: Exception, folder: Path) -> str:
+    """Say what ended a job, if it is the user's or the machine's; empty otherwise."""
     if isinstance(error, OSError):
         place = error.filename or folder
         return stdout_refusal(error) or f"{place}: {error.strerror or error}"
@@ -165,33 +167,33 @@ def complaint_of(error: Exception, folder: Path) -> str | None:
         isinstance(error, RuntimeError) and "memory" in str(error)
     ):
         return OUT_OF_MEMORY
-    return str(error) if isinstance(error, VoccError) else None
+    return str(error) if isinstance(error, VoccError) else ""
 
 
-def run_job(
-    config: DictConfig, place: int | None, jobs: Jobs, heard: Sequence[int] = ()
-) -> None:
+def run_job(config: DictConfig, mailbox: Mailbox, heard: Sequence[int]) -> None:
     """Run one job; what ends it is a result too, because raising would end a multirun with it.
 
     Args:
         config: its configuration.
-        place: its number in a multirun, or None.
-        jobs: hears of it.
+        mailbox: hears of it.
         heard: Ctrl-C.
     """
-    about, one_of_many, number = HydraConfig.get(), place is not None, place or 0
-    words, folder = words_of(about), Path(about.runtime.output_dir)
-    jobs.tell(number, folder=str(folder))
-    trace, mine, said = "", False, " ".join(words)
+    about = HydraConfig.get()
+    one_of_many, words = about.mode == RunMode.MULTIRUN, words_of(about)
+    folder, said = Path(about.runtime.output_dir), " ".join(words)
+    number = int(about.job.num) if one_of_many else 0
+    job = JobState(number, folder, is_apart=os.getpid() != mailbox.parent)
+    mailbox.put(job)
+    trace, mine = "", False
     try:
         if one_of_many:
-            print(said if jobs.elsewhere else f"\njob {number}: {said}", flush=True)
+            print(said if job.is_apart else f"\njob {number}: {said}", flush=True)
         with locked(folder):
             if inside_runs(folder):
                 sweep(folder.rglob(".*.tmp*"))
             mine = begin_again(folder) and one_of_many
             settings = resolved(config, words)
-            if jobs.elsewhere and settings.workers is None:
+            if job.is_apart and settings.workers is None:
                 settings.workers = 1  # the jobs share the cores
             with unfinished(folder, said):
                 run_task(settings, folder)
@@ -201,8 +203,7 @@ def run_job(
     except Exception as error:
         if heard:
             raise KeyboardInterrupt from error
-        complaint = complaint_of(error, folder) or ""
-        if not complaint:
+        if not (complaint := complaint_of(error, folder)):
             trace, complaint = traceback.format_exc(), one_line(error)
             sys.stderr.write(trace)
     if mine:
@@ -210,16 +211,16 @@ def run_job(
         with contextlib.suppress(VoccError):  # it may be what failed
             configuration = as_yaml(resolved(config))
         write_down(folder, complaint, trace, configuration)
-    jobs.tell(number, complaint=complaint, trace=trace)
-    first, *_ = (w["job"] for w in jobs.told() if w.get("complaint") == complaint)
-    if first != number and not trace:
-        print(f"failed for the reason of job {first}", flush=True)
+    mailbox.put(replace(job, complaint=complaint, trace=trace))
+    first, *_ = (other for other in mailbox.jobs() if other.complaint == complaint)
+    if first.number != number and not trace:
+        print(f"failed for the reason of job {first.number}", flush=True)
     else:
-        is_apart = jobs.elsewhere or (trace and one_of_many)
-        complain(f"job {number}: {complaint}" if is_apart else complaint)
+        named = job.is_apart or (trace and one_of_many)
+        complain(f"job {number}: {complaint}" if named else complaint)
 
 
-def run_jobs(jobs: Jobs) -> int:
+def run_jobs(mailbox: Mailbox) -> int:
     """Run the application, all its jobs, and give its exit status.
 
     Returns:
@@ -229,26 +230,28 @@ def run_jobs(jobs: Jobs) -> int:
     @hydra.main(
         version_base="1.3", config_path="pkg://vocc_torch.conf", config_name="config"
     )
-    def hydras(config: DictConfig) -> None:
-        about = HydraConfig.get()
-        place = int(about.job.num) if about.mode == RunMode.MULTIRUN else None
+    def run_hydra(config: DictConfig) -> None:
         with contextlib.ExitStack() as stack:
-            if jobs.elsewhere:
+            if os.getpid() != mailbox.parent:
                 stack.enter_context(terminal_lines())
-                stack.enter_context(beside_others(place or 0))
-            run_job(config, place, jobs, heard)
+                stack.enter_context(beside_others(int(HydraConfig.get().job.num)))
+            run_job(config, mailbox, heard)
 
     heard: list[int] = []
     try:
         with terminal_lines(), ctrl_c_first(heard):
             sys.argv[1:] = for_hydra(sys.argv[1:])
-            hydras()
+            run_hydra()
             sys.stdout.flush()
     except (BrokenPipeError, ReaderGoneError):
         return 1  # whoever read the output has gone, which is no mistake
     except KeyboardInterrupt:
-        if (name := jobs.to_go_on()) is not None:
-            print(f"interrupted: the same command with name={name} resumes")
+        for job in mailbox.jobs():
+            # A job of this process has said so itself.
+            if job.is_apart and any(job.folder.rglob("*.sqlite")):
+                name = os.path.relpath(job.folder.parent, "runs")
+                print(f"interrupted: the same command with name={name} resumes")
+                break
         print("vocc-torch: interrupted", file=sys.stderr)
         return 130
     except Exception as error:
@@ -258,54 +261,37 @@ def run_jobs(jobs: Jobs) -> int:
         complain(complaint)
         return 2
     finally:
-        for folder in jobs.folders():
-            discard_if_empty(folder)
-    measured = [folder for folder in jobs.folders() if (folder / "ber.csv").exists()]
+        jobs = mailbox.jobs()
+        for job in jobs:
+            discard_if_empty(job.folder)
+    measured = [job.folder for job in jobs if (job.folder / "ber.csv").exists()]
     if len(measured) > 1:
         print(
             f"all jobs in one table: vocc-torch task=collect input={os.path.relpath(measured[0].parent)}"
         )
-    folders, failures = jobs.folders(), [w for w in jobs.told() if "complaint" in w]
-    complaints = {failure["complaint"] for failure in failures}
-    is_fault = any(failure["trace"] for failure in failures)
-    is_shared = 1 < len(failures) == len(folders) and len(complaints) == 1
-    if is_shared and not is_fault:
+    failed = [job for job in jobs if job.complaint]
+    is_fault = any(job.trace for job in failed)
+    if (
+        len({job.complaint for job in failed}) == 1 < len(failed) == len(jobs)
+        and not is_fault
+    ):
         # A mistake of the command, which no job's folder need tell of.
-        for folder in folders:
-            begin_again(folder)
-            discard_if_empty(folder)
-    elif failures and jobs.parallel:
-        numbers = ", ".join(str(failure["job"]) for failure in failures)
+        for job in jobs:
+            begin_again(job.folder)
+            discard_if_empty(job.folder)
+    elif any(job.is_apart for job in failed):
+        numbers = ", ".join(str(job.number) for job in failed)
         complain(
-            f"{len(failures)} of {len(folders)} jobs failed ({numbers}): failed.txt in their folders says why"
+            f"{len(failed)} of {len(jobs)} jobs failed ({numbers}): failed.txt in their folders says why"
         )
-    return 1 if is_fault else 2 * bool(failures)
-
-
-FLAGS_OF_ONE_VALUE = (
-    "--cfg",
-    "-c",
-    "--package",
-    "-p",
-    "--config-path",
-    "-cp",
-    "--config-name",
-    "-cn",
-    "--config-dir",
-    "-cd",
-    "--info",
-    "-i",
-    "--experimental-rerun",
-)
+    return 1 if is_fault else 2 * bool(failed)
 
 
 def for_hydra(arguments: Sequence[str]) -> list[str]:
     """Give a command line as Hydra takes it: flags first, since argparse takes keys on one side of them only."""
-    flags, words = list[str](), list[str]()
-    for last, word in zip(["", *arguments], arguments, strict=False):
-        is_flag = word.startswith("-") or last in FLAGS_OF_ONE_VALUE
-        (flags if is_flag else words).append(word)
-    sweeps = not {*MULTIRUN}.isdisjoint(flags)
+    read = get_args_parser().parse_intermixed_args(arguments)
+    words, sweeps = read.overrides, read.multirun
+    flags = [word for word in arguments if word not in words]
     named = hydra_words([with_quoted_input(word, sweeps) for word in words], sweeps)
     return [*flags, *named, *own_scenes(words)]
 
@@ -335,18 +321,18 @@ def own_scenes(words: Sequence[str]) -> list[str]:
 
     A run NAME keeps its scene as ``runs/NAME/scene/NAME.yaml``, so that ``scene=NAME`` is found there.
     """
-    found = {
-        f"runs/{name}": None
+    names = [
+        name
         for word in words
         if word.startswith("scene=")
         for name in word.removeprefix("scene=").split(",")
         # No path, and nothing that is too long for one.
         if re.fullmatch(r"\w[\w.-]{0,99}", name)
         and Path("runs", name, "scene", f"{name}.yaml").is_file()
-    }
-    if not found or any(word.startswith("hydra.searchpath=") for word in words):
+    ]
+    if not names or any(word.startswith("hydra.searchpath=") for word in words):
         return []
-    paths = (QuotedString(f"file://{path}", Quote.single) for path in found)
+    paths = (QuotedString(f"file://runs/{name}", Quote.single) for name in names)
     return [f"hydra.searchpath=[{','.join(path.with_quotes() for path in paths)}]"]
 
 
@@ -360,6 +346,6 @@ def run() -> int:
     sweep(Path(tempfile.gettempdir()).glob(".vocc-torch.*"))
     ours = f".vocc-torch.{os.getpid()}.tmp."
     with tempfile.TemporaryDirectory(prefix=ours, ignore_cleanup_errors=True) as folder:
-        mailbox = Path(folder, "jobs")
-        mailbox.touch()
-        return run_jobs(Jobs(mailbox, os.getpid()))
+        mailbox = Mailbox(Path(folder, "jobs"), os.getpid())
+        mailbox.file.touch()
+        return run_jobs(mailbox)

@@ -119,7 +119,7 @@ def inside_runs(folder: str | Path) -> bool:
     return Path(os.path.realpath("runs")) in Path(os.path.realpath(folder)).parents
 
 
-def run_folder(name: str) -> str:
+def run_folder(name: object) -> str:
     """Give the folder of a run, in which Hydra makes it, or refuse one that is not below ``runs/``.
 
     Raises:
@@ -130,17 +130,17 @@ def run_folder(name: str) -> str:
         >>> run_folder("two/words")
         'runs/two/words'
     """
-    path = Path(name)
-    if not name.isprintable() or set("`[]") & set(name):
-        raise VoccError.of("name", ascii(name), "printable, without `, [ and ]")
+    path = Path(text := str(name))
+    if not text.isprintable() or set("`[]") & set(text):
+        raise VoccError.of("name", ascii(text), "printable, without `, [ and ]")
     if not path.parts or ".." in path.parts or not inside_runs("runs" / path):
         raise VoccError.of(
-            "name", repr(name), "a folder below runs/, without .. or links out"
+            "name", repr(text), "a folder below runs/, without .. or links out"
         )
     return str("runs" / path)
 
 
-def job_folder(name: str, job: int) -> str:
+def job_folder(name: object, job: int) -> str:
     """Give the folder of a multirun's job in that of its run, or refuse one that is a link out of it."""
     run_folder(f"{name}/{job}")
     return str(job)
@@ -159,15 +159,14 @@ NAMES = {
 """What the help lists by name: it does not wait for torch, which what defines them needs."""
 
 
-def described(plain: Mapping[str, Any]) -> str:
+def described(plain: dict[str, Any]) -> str:
     """Write a configuration as YAML, each key below its description."""
     said = descriptions(AppConfig)
     lines: list[str] = []
     path: list[str] = []
-    for line in OmegaConf.to_yaml(OmegaConf.create(dict(plain))).splitlines():
+    for line in OmegaConf.to_yaml(OmegaConf.create(plain)).splitlines():
         if found := re.match(r"( *)(\w+):", line):
-            depth = len(found[1]) // 2
-            path[depth:] = [found[2]]
+            path[len(found[1]) // 2 :] = [found[2]]
             if text := said.get(".".join(path)):
                 lines.append(f"{found[1]}# {text}")
         lines.append(line)
@@ -201,12 +200,8 @@ def descriptions(schema: type) -> dict[str, str]:
 
 
 # Here, because worker processes of a multirun import this and register nothing.
-OmegaConf.register_new_resolver(
-    "run_folder", lambda name: run_folder(str(name)), replace=True
-)
-OmegaConf.register_new_resolver(
-    "job_folder", lambda name, job: job_folder(str(name), job), replace=True
-)
+OmegaConf.register_new_resolver("run_folder", run_folder, replace=True)
+OmegaConf.register_new_resolver("job_folder", job_folder, replace=True)
 
 
 def hydra_settings() -> HydraConf:
@@ -249,8 +244,8 @@ class FileConfigSource(file_config_source.FileConfigSource):
         plain = read_yaml(path, "configuration")
         if not isinstance(plain, dict | None):
             raise VoccError.of(str(path), shown(plain), "a mapping, as in key: value")
-        with path.open(encoding="utf-8", errors="replace") as file:
-            header = self._get_header_dict(file.read(512))
+        head = path.read_bytes()[:512].decode(errors="replace")
+        header = self._get_header_dict(head)
         config = OmegaConf.create(plain or {})
         return ConfigResult(self.provider, f"file://{self.path}", config, header)
 

@@ -3,10 +3,8 @@
 import platform
 import re
 import sys
-from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import NamedTuple
 
 from packaging.requirements import Requirement
 
@@ -29,69 +27,50 @@ PURPOSES = {
 }
 
 
-class Check(NamedTuple):
-    """One line of the report.
-
-    Args:
-        name: subject of the check.
-        is_good: whether the check passed.
-        found: result of the check.
-        advice: remedy; empty if the check passed.
-    """
-
-    name: str
-    is_good: bool
-    found: str
-    advice: str = ""
-
-    def __str__(self) -> str:
-        """The line, which begins with ok or a dash."""
-        mark = "ok" if self.is_good else "--"
-        advice = f": {self.advice}" if self.advice else ""
-        return f"{mark}  {self.name:<12} {self.found}{advice}"
+def say(is_good: bool, name: str, found: str, advice: str = "") -> None:
+    """Print a line of the report: ``ok`` or a dash, its subject, the result, and the remedy where there is one."""
+    mark, remedy = "ok" if is_good else "--", f": {advice}" if advice else ""
+    print(f"{mark}  {name:<12} {found}{remedy}", flush=True)
 
 
 def run_doctor() -> int:
     """Print every check; status 1 where a picture cannot be decoded."""
-    status = 0
-    for check in (*versions(), *extras(), cameras(), *decoding()):
-        print(check, flush=True)
-        status |= check.name == "decode" and not check.is_good
-    return status
+    say_versions()
+    say_extras()
+    say_cameras()
+    return decode_picture()
 
 
-def versions() -> Iterator[Check]:
-    """Versions of Python and of the libraries, and what computes."""
+def say_versions() -> None:
+    """Say the versions of Python and of the libraries, and what computes."""
     from vocc_torch.measure.timing import describe_machine
     from vocc_torch.types import resolve_device
 
     system = f"Python {platform.python_version()}, {platform.platform(terse=True)}"
-    yield Check(DISTRIBUTION, True, f"{__version__}, {system}")
+    say(True, DISTRIBUTION, f"{__version__}, {system}")
     names = ("torch", "kornia", "numpy", "hydra-core")
-    libraries = ", ".join(f"{name} {version(name)}" for name in names)
-    yield Check("libraries", True, libraries)
+    say(True, "libraries", ", ".join(f"{name} {version(name)}" for name in names))
     device = resolve_device("auto")
     advice = "device=cuda needs an NVIDIA GPU and a torch built for it"
     found = f"{device}, {describe_machine(device)}"
-    yield Check("device", True, found, advice * (device.type == "cpu"))
+    say(True, "device", found, advice * (device.type == "cpu"))
 
 
-def extras() -> Iterator[Check]:
-    """The extras of the package, each with the line that installs it."""
-    by_extra: dict[str, list[Requirement]] = {}
-    for text in requires(DISTRIBUTION) or ():
-        requirement = Requirement(text)
-        extra = re.search(r"extra == ['\"](\w+)", str(requirement.marker))
-        if extra and extra[1] not in DEVELOPMENT:
-            by_extra.setdefault(extra[1], []).append(requirement)
-    for name, requirements in by_extra.items():
-        lacking = [str(part.name) for part in requirements if not is_there(part)]
-        purpose = PURPOSES.get(name, "")
-        found = f"without {', '.join(lacking)}" if lacking else "installed"
-        advice = (
-            f"for {purpose} pip install '{DISTRIBUTION}[{name}]'" if lacking else ""
-        )
-        yield Check(name, not lacking, found, advice)
+def say_extras() -> None:
+    """Say which extras of the package are installed, and how to install the others."""
+    lacking: dict[str, list[str]] = {}
+    for requirement in map(Requirement, requires(DISTRIBUTION) or ()):
+        found = re.search(r"extra == ['\"](\w+)", str(requirement.marker))
+        if found and found[1] not in DEVELOPMENT:
+            names = lacking.setdefault(found[1], [])
+            names += [requirement.name] * (not is_there(requirement))
+    for extra, names in lacking.items():
+        command = f"pip install '{DISTRIBUTION}[{extra}]'"
+        if names:
+            advice = f"for {PURPOSES.get(extra, '')} {command}"
+            say(False, extra, f"without {', '.join(names)}", advice)
+        else:
+            say(True, extra, "installed")
 
 
 def is_there(requirement: Requirement) -> bool:
@@ -104,24 +83,24 @@ def is_there(requirement: Requirement) -> bool:
         return False
 
 
-def cameras() -> Check:
-    """Cameras that ``input=camera:NUMBER`` may open."""
+def say_cameras() -> None:
+    """Say which cameras ``input=camera:NUMBER`` may open."""
+    found = sorted(path.name for path in Path("/dev").glob("video*"))
     try:
         import av
     except ImportError:
-        return Check(
-            "camera", False, "no reader", f"pip install '{DISTRIBUTION}[video]'"
-        )
+        say(False, "camera", "no reader", f"pip install '{DISTRIBUTION}[video]'")
+        return
     if sys.platform != "linux":
-        return Check("camera", True, f"PyAV {av.__version__}", "input=camera:0")
-    found = sorted(path.name for path in Path("/dev").glob("video*"))
-    if not found:
-        return Check("camera", False, "no /dev/video*", "connect a camera")
-    return Check("camera", True, ", ".join(found), "input=camera:0")
+        say(True, "camera", f"PyAV {av.__version__}", "input=camera:0")
+    elif found:
+        say(True, "camera", ", ".join(found), "input=camera:0")
+    else:
+        say(False, "camera", "no /dev/video*", "connect a camera")
 
 
-def decoding() -> Iterator[Check]:
-    """Decode a drawn panel of known bits with the receiver that ships, and time each stage."""
+def decode_picture() -> int:
+    """Decode a drawn panel of known bits with the receiver that ships, and time each stage; status 1 if it fails."""
     from vocc_torch.report.terminal import Stopwatch
 
     watch = Stopwatch()
@@ -141,8 +120,7 @@ def decoding() -> Iterator[Check]:
         read = receiver(frames, panels).bits
     wrong = int((read != bits).sum())
     found = f"{wrong} of {bits.numel()} bits of a drawn panel are wrong"
-    yield Check("decode", not wrong, found, "install the package again" * bool(wrong))
-    times = ", ".join(
-        f"{name} {1000 * taken:.0f} ms" for name, taken in watch.seconds.items()
-    )
-    yield Check("times", True, f"{times} for the first frame of 1920 x 1080")
+    say(not wrong, "decode", found, "install the package again" * (wrong > 0))
+    times = (f"{name} {1000 * taken:.0f} ms" for name, taken in watch.seconds.items())
+    say(True, "times", f"{', '.join(times)} for the first frame of 1920 x 1080")
+    return int(wrong > 0)

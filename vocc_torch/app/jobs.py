@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -24,71 +24,69 @@ FAILED, CONFIG = "failed.txt", "config.yaml"
 
 
 @dataclass(frozen=True)
-class Jobs:
-    """Messages of the jobs of one command to their parent process, through a file.
+class JobState:
+    """What is known of a job of a command.
+
+    Args:
+        number: its place in a multirun; 0 for a single run.
+        folder: of its run.
+        is_apart: whether it runs in another process than the one that started the jobs.
+        complaint: why it failed, else empty.
+        trace: the traceback of an error that is not the user's, else empty.
+    """
+
+    number: int
+    folder: Path
+    is_apart: bool = False
+    complaint: str = ""
+    trace: str = ""
+
+
+@dataclass(frozen=True)
+class Mailbox:
+    """What the jobs of one command say to the process that started them, through a file.
 
     A job may run in a worker process, which cannot change this object in the parent. The object is small and
     can be pickled.
 
     Args:
-        mailbox: an empty file that lasts as long as the command.
+        file: an empty file that lasts as long as the command.
         parent: number of the process that started the jobs.
 
     Example:
         >>> import tempfile
-        >>> with tempfile.NamedTemporaryFile() as mailbox:
-        ...     jobs = Jobs(Path(mailbox.name), os.getpid())
-        ...     jobs.tell(3, folder="runs/two/3")
-        ...     jobs.tell(3, complaint="panel.rows is 0: it must be at least 1")
-        ...     jobs.told(), jobs.parallel
-        ([{'job': 3, 'elsewhere': False, 'folder': 'runs/two/3', 'complaint': 'panel.rows ...'}], False)
+        >>> with tempfile.NamedTemporaryFile() as file:
+        ...     mailbox = Mailbox(Path(file.name), os.getpid())
+        ...     mailbox.put(JobState(3, Path("runs/two/3")))
+        ...     mailbox.put(JobState(3, Path("runs/two/3"), complaint="panel.rows is 0: it must be at least 1"))
+        ...     [job.complaint for job in mailbox.jobs()]
+        ['panel.rows is 0: it must be at least 1']
     """
 
-    mailbox: Path
+    file: Path
     parent: int
 
-    @property
-    def elsewhere(self) -> bool:
-        """Whether this is another process than the one that started the jobs."""
-        return os.getpid() != self.parent
-
-    def tell(self, job: int, **about: str) -> None:
-        """Write a message of a job: its ``folder``, or its ``complaint`` and a ``trace`` if it failed.
+    def put(self, job: JobState) -> None:
+        """Write down what is known of a job.
 
         Raises:
-            VoccError: the message cannot be written.
+            VoccError: it cannot be written.
         """
-        word = json.dumps({"job": job, "elsewhere": self.elsewhere, **about})
+        line = json.dumps(astuple(job), default=str)
         try:
-            with self.mailbox.open("a", encoding="utf-8") as file:
-                file.write(f"{word}\n")
+            with self.file.open("a", encoding="utf-8") as file:
+                file.write(f"{line}\n")
         except OSError as error:
-            said = about.get("complaint") or f"{self.mailbox}: {error.strerror}"
-            raise VoccError(said) from None
+            reason = job.complaint or f"{self.file}: {error.strerror}"
+            raise VoccError(reason) from None
 
-    def told(self) -> list[dict[str, Any]]:
-        """Return the messages of each job, by its number."""
-        words: dict[int, dict[str, Any]] = {}
-        for line in self.mailbox.read_text("utf-8").splitlines():
-            word = json.loads(line)
-            words.setdefault(word["job"], {}).update(word)
-        return [words[job] for job in sorted(words)]
-
-    def folders(self) -> list[Path]:
-        """Give the folders of all jobs that have begun."""
-        return [Path(word["folder"]) for word in self.told()]
-
-    @property
-    def parallel(self) -> bool:
-        """Whether jobs have begun in other processes than the one that started them."""
-        return any(word["elsewhere"] for word in self.told())
-
-    def to_go_on(self) -> str | None:
-        """Give the name under which jobs of other processes go on that had counted something, or None."""
-        for folder in self.folders() if self.parallel else ():
-            if any(folder.rglob("*.sqlite")):
-                return os.path.relpath(folder.parent, "runs")
-        return None
+    def jobs(self) -> list[JobState]:
+        """Give the jobs that have begun, by number, as they were last written down."""
+        jobs: dict[int, JobState] = {}
+        for line in self.file.read_text("utf-8").splitlines():
+            number, folder, *about = json.loads(line)
+            jobs[number] = JobState(number, Path(folder), *about)
+        return [jobs[number] for number in sorted(jobs)]
 
 
 def begin_again(folder: Path) -> bool:
@@ -106,8 +104,7 @@ def begin_again(folder: Path) -> bool:
         >>> begin_again(Path("no/such/folder"))
         True
     """
-    names = {entry.name for entry in folder.iterdir()} if folder.is_dir() else set()
-    names.discard(UNFINISHED)
+    names = {path.name for path in folder.glob("*")} - {UNFINISHED}
     if not inside_runs(folder):
         return not names
     attempted = names <= {FAILED, CONFIG}

@@ -47,21 +47,6 @@ OmegaConf.register_new_resolver(
     "described", lambda _root_: described(task_plain(_root_)), replace=True
 )
 
-GROUPS = (
-    "task",
-    "scene",
-    "camera",
-    "panel",
-    "classifier",
-    "receiver",
-    "budget",
-    "executor",
-    "experiment",
-)
-
-STATING = ("detector",)
-"""Locators that state false alarms."""
-
 ONE_LOCATOR = ("train", "test", "decode", "receive", "classifiers")
 """Tasks that find the panel with receiver.locator and no other."""
 
@@ -104,9 +89,10 @@ def hydra_words(words: Sequence[str], sweeps: bool = False) -> list[str]:
         if override.is_sweep_override() and not sweeps:
             rule = "one value; -m runs several, and a list is written [a,b]"
             raise VoccError.of(key, word.partition("=")[2], rule)
-        chooses = key in GROUPS or "/" in key or override.package is not None
+        is_group = bool(options_of(key))
+        chooses = is_group or "/" in key or override.package is not None
         own = chooses or key.startswith("hydra.") or override.is_delete()
-        if key in GROUPS and not override.is_delete():
+        if is_group and not override.is_delete():
             demand_option(override)
         else:
             demand_shape(override, keys_of(AppConfig))
@@ -160,12 +146,10 @@ def resolved(config: DictConfig, words: Sequence[str] = ()) -> AppConfig:
             if not covers(task.keys, key):
                 empty = None if kinds[key] is Any else kinds[key]()
                 OmegaConf.update(merged, key, empty)
-        # Classes that several keys have name their errors by the key of another.
+        settings: Any = None
         for place, usual, node in sections(merged):
             with section(place, before=usual):
-                OmegaConf.to_object(node)
-        with section("receiver.location", before="location"):
-            settings: Any = OmegaConf.to_object(merged)
+                settings = OmegaConf.to_object(node)
     refuse_without_effect(settings, words)
     return cast(AppConfig, settings)
 
@@ -190,12 +174,17 @@ def demand_used(task: str, key: str, said: str) -> None:
 
 
 def sections(merged: DictConfig) -> Iterator[tuple[str, str, DictConfig]]:
-    """List sections of a configuration whose class stands under a second key, with this key."""
+    """List what a configuration consists of, the whole at last, with a key whose class names another one.
+
+    Yields:
+        The key, the key that the class names in refusals, and the values.
+    """
     yield "messages.record", "record", merged.messages.record
     yield "messages.signalling", "transmit", merged.messages.signalling
     for part in ("comparison", "figures"):
         for name, node in merged[part].experiments.items():
             yield f"{part}.experiments.{name}", "experiment", node
+    yield "receiver.location", "location", merged
 
 
 def key_of(word: str) -> str:
@@ -234,32 +223,34 @@ def refuse_without_effect(settings: AppConfig, words: Sequence[str]) -> None:
         ...
         vocc_torch.errors.VoccError: scene.effects={} takes none away: write ~scene.effects.NAME for each
     """
-    task, experiment, model = settings.task, settings.experiment, settings.model
-    finder = settings.receiver.locator if task in ONE_LOCATOR else None
-    tested = {*experiment.scene, experiment.axis, experiment.row_axis}
     for word in words:
         refuse_shadowed(settings.scene, word)
-        key = key_of(word)
-        group, _, name = key.partition(".")
-        rule = ""
-        if model and covers(TASKS[task].brought, key):
-            key = "classifier" if key == "classifiers" else key
-            rule = f"the model brings its own; leave {key} or model out"
-        elif key == "plug_ins" and model in (None, SHIPPED):
-            rule = "it must be empty without a model, a new one names its parts"
-        elif key == "receiver.false_alarms" and finder not in (None, *STATING):
-            # A model finds panels with its own locator.
-            rule = f"only detector states them, and receiver.locator is {finder}"
-            rule *= not model
-        elif (
-            name in experiment.training
-            and group == "scene"
-            and (task == "train" or (task == "test" and name in tested))
-        ):
-            rule = f"the experiment {experiment.name} sets its own: give experiment.training.{name}"
-            rule += f" or experiment.scene.{name}" * (task == "test")
-        if rule:
-            raise VoccError(f"{said(word)}: {rule}")
+        if reason := without_effect(settings, key_of(word)):
+            raise VoccError(f"{said(word)}: {reason}")
+
+
+def without_effect(settings: AppConfig, key: str) -> str:
+    """Say why a key has no effect beside the model, the locator or the experiment; empty if it has one."""
+    task, model, experiment = settings.task, settings.model, settings.experiment
+    section, _, name = key.partition(".")
+    if model and covers(TASKS[task].brought, key):
+        group = "classifier" if key == "classifiers" else key
+        return f"the model brings its own; leave {group} or model out"
+    if key == "plug_ins" and model in (None, SHIPPED):
+        return "it must be empty without a model, a new one names its parts"
+    if key == "receiver.false_alarms" and not model and task in ONE_LOCATOR:
+        # A model finds panels with its own locator.
+        locator = settings.receiver.locator
+        rule = f"only detector states them, and receiver.locator is {locator}"
+        return rule * (locator != "detector")
+    if section == "scene" and name in experiment.training:
+        training = f"the experiment {experiment.name} sets its own: give experiment.training.{name}"
+        if task == "train":
+            return training
+        tested = {*experiment.scene, experiment.axis, experiment.row_axis}
+        if task == "test" and name in tested:
+            return f"{training} or experiment.scene.{name}"
+    return ""
 
 
 def complaint(error: BaseException) -> str:

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +58,8 @@ def read_film(
         VoccError: PyAV is not installed, or a file that is no film; at the end, frames that cannot be read.
     """
     av = av_library(str(path))
-    done = declared = damaged = fields = 0
-    reason = ""
+    done = declared = damaged = 0
+    name, numbers, reason = printable(path.name), count(), ""
     try:
         # The prefix keeps FFmpeg from reading a file's name as an address.
         with av.open(f"file:{path.absolute()}", options=FILMS) as container:
@@ -73,11 +74,7 @@ def read_film(
                     reason = str(error)
                     continue
                 for picture in pictures:
-                    for frame in frames_of(
-                        picture, printable(path.name), fields, channel, grey_only
-                    ):
-                        yield frame
-                        fields += 1
+                    yield from frames_of(picture, name, numbers, channel, grey_only)
                     done += 1
                     damaged += picture.is_corrupt
     except (av.error.FFmpegError, IndexError, ValueError) as error:
@@ -113,7 +110,7 @@ def declared_frames(container: Any, stream: Any, ticks_per_s: int) -> int:
 def frames_of(
     picture: Any,
     source: str,
-    index: int,
+    numbers: Iterator[int],
     channel: str,
     grey_only: bool,
     arrived_s: float | None = None,
@@ -123,63 +120,52 @@ def frames_of(
     Args:
         picture: the frame of PyAV.
         source: name of the film.
-        index: number of the first frame that comes of it.
+        numbers: of the frames of the film that are still to come.
         channel: how colour becomes grey.
         grey_only: whether the colour is left out.
         arrived_s: monotonic clock when it arrived.
     """
-    turns = round((picture.rotation or 0) / TURN_DEGREES)
+    turns = round((picture.rotation or 0) / TURN_DEGREES) % 4
     if grey_only:
         grey = grey_plane(picture)
         colour = np.broadcast_to(np.uint8(0), (*grey.shape, 3))
     else:
         colour = np.asarray(picture.to_ndarray(format="rgb24"), dtype=np.uint8)
         grey = to_grey(colour, channel)
-    note, later_s, shown = "", 0.0, [(colour, grey)]
+    shown, time_s, later_s = [(colour, grey)], picture.time, 0.0
+    note = f"turned by {-turns % 4 * TURN_DEGREES} degrees as the film's header says"
     if picture.interlaced_frame:
         note = INTERLACED
         # The second field is taken half a frame after the first.
         later_s = float((picture.duration or 0) * (picture.time_base or 0)) / 2
         shown = [(field(colour, parity), field(grey, parity)) for parity in (0, 1)]
-    elif turns:
-        degrees = -turns * TURN_DEGREES % 360
-        note = f"turned by {degrees} degrees as the film's header says"
-    for number, planes in enumerate(shown):
-        yield RecordedFrame(
-            source,
-            index + number,
-            None if picture.time is None else picture.time + number * later_s,
-            *(rotated(planes[0], turns), rotated(planes[1], turns)),
-            note=note,
-            arrived_s=arrived_s,
-        )
+    elif not turns:
+        note = ""
+    for colour, grey in shown:
+        if turns:
+            colour = np.ascontiguousarray(np.rot90(colour, turns))
+            grey = np.ascontiguousarray(np.rot90(grey, turns))
+        place = source, next(numbers), time_s
+        yield RecordedFrame(*place, colour, grey, note=note, arrived_s=arrived_s)
+        time_s = None if time_s is None else time_s + later_s
 
 
 def field(plane: Bytes, parity: int) -> Bytes:
     """Fill a field of an interlaced frame up to full height, by the mean of its lines above and below.
 
     Args:
-        plane: (H,W) or (H,W,3) of the frame.
+        plane: (H,W) or (H,W,3) of the frame, of at least two lines.
         parity: 0 for the upper field, whose lines are even; 1 for the lower field.
 
     Example:
         >>> field(np.array([[10], [0], [30], [0]], dtype=np.uint8), 0).ravel().tolist()
         [10, 20, 30, 30]
     """
-    full = plane.copy()
     lines = plane[parity::2].astype(np.uint16)
-    below = np.concatenate([lines[1:], lines[-1:]])
-    between = ((lines + below + 1) // 2).astype(np.uint8)
-    gaps = full[1 + parity :: 2]
-    gaps[:] = between[: len(gaps)]
-    if parity:
-        full[0] = plane[1] if len(plane) > 1 else plane[0]
-    return full
-
-
-def rotated(plane: Bytes, turns: int) -> Bytes:
-    """Turn a plane counterclockwise by quarter turns."""
-    return np.ascontiguousarray(np.rot90(plane, turns)) if turns % 4 else plane
+    halves = np.arange(len(plane)) - parity
+    above = lines.take(halves // 2, axis=0, mode="clip")
+    below = lines.take((halves + 1) // 2, axis=0, mode="clip")
+    return ((above + below + 1) // 2).astype(np.uint8)
 
 
 def grey_plane(picture: Any) -> Bytes:

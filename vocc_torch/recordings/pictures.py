@@ -204,10 +204,10 @@ def read_array(
         allowed = "(H,W), (H,W,3), (B,H,W) or (B,H,W,3), not empty"
         raise VoccError.of(f"{what}'s shape", values.shape, allowed)
     for index, picture in enumerate(pictures):
-        colour = (
-            np.ascontiguousarray(picture[..., :3])
-            if is_colour
-            else np.broadcast_to(picture[..., None], (*picture.shape, 3))
-        )
-        grey = to_grey(colour, channel) if is_colour else np.array(picture)
+        if is_colour:
+            colour = np.ascontiguousarray(picture[..., :3])
+            grey = to_grey(colour, channel)
+        else:
+            grey = np.array(picture)
+            colour = np.broadcast_to(grey[..., None], (*grey.shape, 3))
         yield RecordedFrame(printable(name), index, None, colour, grey, note=note)

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 from vocc_torch.errors import VoccError
@@ -105,34 +106,29 @@ class LiveStream:
         self.dropped = 0
         self.is_closed = False
         self.container = opened(self.source)
-        self.queue: queue.Queue[RecordedFrame | str | None] = queue.Queue(1)
+        self.queue: queue.Queue[RecordedFrame | str] = queue.Queue(1)
         threading.Thread(target=self.fill, daemon=True).start()
 
     def fill(self) -> None:
         """Read until the source ends, in the thread."""
         av = av_library(self.source)
         name = "stdin" if self.source == STANDARD_INPUT else self.source
-        end = None
-        index = 0
+        picture, numbers, failure = None, count(), ""
         try:
             for picture in self.container.decode(video=0):
                 if self.is_closed:
                     break
+                now = time.monotonic()
                 for frame in frames_of(
-                    picture,
-                    name,
-                    index,
-                    self.channel,
-                    self.grey_only,
-                    time.monotonic(),
+                    picture, name, numbers, self.channel, self.grey_only, now
                 ):
                     self.put(frame)
-                    index += 1
         except (av.error.FFmpegError, IndexError, ValueError, OSError) as error:
-            end = " ".join(str(error).split())
-            if self.source == STANDARD_INPUT and not index:
-                end += "; it takes Matroska, MPEG-TS or YUV4MPEG"
-        self.queue.put(end)
+            reason = " ".join(str(error).split())
+            if self.source == STANDARD_INPUT and picture is None:
+                reason += "; it takes Matroska, MPEG-TS or YUV4MPEG"
+            failure = f"ended ({reason})"
+        self.queue.put(failure if picture or failure else "has no frames")
 
     def put(self, frame: RecordedFrame) -> None:
         """Hand a frame on: in the place of the one that waits, or wait until it is taken."""
@@ -152,15 +148,11 @@ class LiveStream:
         Raises:
             VoccError: a source without frames, or one that fails.
         """
-        is_empty = True
         while isinstance(item := self.queue.get(), RecordedFrame):
             self.queue.task_done()
-            is_empty = False
             yield item
-        if item is not None:
-            raise VoccError(f"input {self.source} ended ({item})")
-        if is_empty:
-            raise VoccError(f"input {self.source} has no frames")
+        if item:
+            raise VoccError(f"input {self.source} {item}")
 
     def close(self) -> None:
         """Let the source go; the thread ends with it."""

@@ -1,7 +1,7 @@
 """Pictures with the panel's outline and its bits drawn in."""
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageOps
 
 from vocc_torch.arrays import Bools, Bytes, Floats
 
@@ -27,12 +27,12 @@ def annotated(
     draw, corners = ImageDraw.Draw(picture), corners_px * scale
     sides = np.linalg.norm(corners[[1, 3]] - corners[0], axis=1)
     cell_px = float(min(sides / bits.shape[::-1]))
-    outline = list(map(tuple, corners[[0, 1, 2, 3, 0]].tolist()))
+    outline = corners[[0, 1, 2, 3, 0]].ravel().tolist()
     draw.line(outline, fill=(0, 158, 115), width=max(1, round(cell_px / 12)))
     radius = max(0.6, 0.16 * cell_px)
-    for (x, y), bit in zip(led_centres_px(corners, bits), bits.flat, strict=True):
-        box = (x - radius, y - radius, x + radius, y + radius)
-        draw.ellipse(box, fill=(0, 114, 178) if bit else None, outline=(86, 180, 233))
+    for centre, bit in zip(led_centres_px(corners, bits), bits.flat, strict=True):
+        fill = (0, 114, 178) if bit else None
+        draw.circle(centre.tolist(), radius, fill=fill, outline=(86, 180, 233))
     return picture
 
 
@@ -53,7 +53,4 @@ def led_centres_px(corners_px: Floats, bits: Bools) -> Floats:
 
 def enlarged(colour: Pixels, scale: int) -> Image.Image:
     """Show each pixel as a square of ``scale`` by ``scale``."""
-    picture = Image.fromarray(colour)
-    return picture.resize(
-        (picture.width * scale, picture.height * scale), Image.Resampling.NEAREST
-    )
+    return ImageOps.scale(Image.fromarray(colour), scale, Image.Resampling.NEAREST)

@@ -119,7 +119,7 @@ def print_places(
 def say(console: Console, *lines: str) -> None:
     """Print lines as they are, however long."""
     for line in lines:
-        console.print(line, soft_wrap=True, markup=False, highlight=False)
+        console.out(line, highlight=False)
 
 
 def write_rows(path: str | Path, rows: Iterable[Cells], *, short: bool = False) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib import cm, colormaps, colors
@@ -25,7 +26,7 @@ class Matrix:
 
     Args:
         rates: (M,N) bit error rates; 0 has no colour.
-        texts: (M,N) words in the cells; none for too many cells.
+        texts: (M,N) words in the cells.
         rows: names of the rows, the first below.
         columns: names of the columns.
         title: above the map.
@@ -38,14 +39,14 @@ class Matrix:
     texts: Sequence[Sequence[str]]
     rows: Sequence[str]
     columns: Sequence[str]
-    title: str = ""
+    title: str
     x_label: str = ""
     y_label: str = ""
     text_at: float = 0.5
 
 
 def matrix_figure(
-    maps: Sequence[Matrix], title: str, footnote: str = "", columns: int = 3
+    maps: Sequence[Matrix], title: str, footnote: str, columns: int = 3
 ) -> tuple[Figure, list[Axes]]:
     """Draw heat maps with one scale of colours.
 
@@ -59,16 +60,15 @@ def matrix_figure(
         The figure, and the axes of each map.
 
     Example:
-        >>> one = Matrix(np.array([[1e-3, 0.0]]), [["1e-3", "< 1e-4"]], ["a"], ["b", "c"])
-        >>> [text.get_text() for text in matrix_figure([one], "Rates")[1][0].texts]
+        >>> one = Matrix(np.array([[1e-3, 0.0]]), [["1e-3", "< 1e-4"]], ["a"], ["b", "c"], "")
+        >>> [text.get_text() for text in matrix_figure([one], "Rates", "")[1][0].texts]
         ['1e-3', '< 1e-4']
     """
-    cells = [max(2.6, 0.72 * len(matrix.columns)) for matrix in maps[:columns]]
-    rows = -(-len(maps) // columns)
+    widths = [max(2.6, 0.72 * len(matrix.columns)) for matrix in maps[:columns]]
     height = max(2.2, 0.52 * max(len(matrix.rows) for matrix in maps)) + 0.9
-    size_in = max(7.0, sum(cells) + 2.2), height * rows + 1.0
+    size_in = max(7.0, sum(widths) + 2.2), height * -(-len(maps) // columns) + 1.0
     figure, axes = plots.sheet(
-        len(maps), title, footnote, columns, size_in=size_in, width_ratios=cells
+        len(maps), title, footnote, columns, size_in=size_in, width_ratios=widths
     )
     rates = np.concatenate([matrix.rates.ravel() for matrix in maps])
     positive = rates[rates != 0].tolist() or [1e-5]
@@ -94,19 +94,16 @@ def draw_matrix(axes: Axes, matrix: Matrix, norm: colors.LogNorm) -> None:
     axes.spines[:].set_visible(False)
     axes.set(xlabel=matrix.x_label, ylabel=matrix.y_label)
     plots.head(axes, matrix.title)
+    look: dict[str, Any] = {
+        "fontsize": 8.5,
+        "ha": "center",
+        "va": "center",
+        "zorder": 5,
+    }
     for (row, column), rate in np.ndenumerate(matrix.rates):
-        if matrix.texts:
-            dark = rate and norm(rate) < DARK
-            axes.text(
-                column + 0.5,
-                row + matrix.text_at,
-                matrix.texts[row][column],
-                fontsize=8.5,
-                ha="center",
-                va="center",
-                color="white" if dark else LOOK.ink,
-                zorder=5,
-            )
+        colour = "white" if rate and norm(rate) < DARK else LOOK.ink
+        x, y, text = column + 0.5, row + matrix.text_at, matrix.texts[row][column]
+        axes.text(x, y, text, color=colour, **look)
 
 
 def dimming_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
@@ -130,22 +127,16 @@ def dimming_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
         ['4.9e-4', '< 7.1e-4']
     """
     names = [name for name in receivers or grid.receivers if name in grid.receivers]
-    looks = styles.receiver_styles(names)
-    rows, columns = (
-        list(map(styles.value_text, values)) for values in (grid.columns, grid.rows)
-    )
+    rows = [*map(styles.value_text, grid.columns)]
+    columns = [*map(styles.value_text, grid.rows)]
     labels = styles.axis_label(grid.row_axis), styles.axis_label(grid.column_axis)
     maps = []
-    for name in names:
+    for name, look in styles.receiver_styles(names).items():
         rates, limits = grid.ber(name).T, grid.intervals(name)[1].T
         texts = np.vectorize(styles.rate_or_limit)(rates, limits).tolist()
-        maps.append(
-            Matrix(
-                rates, texts, rows, columns, looks[name].label, *labels, text_at=0.24
-            )
-        )
+        maps.append(Matrix(rates, texts, rows, columns, look.label, *labels, 0.24))
     # Every receiver has the same frames.
-    cells = [cell.frames for row in grid.counts(grid.receivers[0]) for cell in row]
+    cells = (cell.frames for row in grid.counts(grid.receivers[0]) for cell in row)
     notes = (
         f"{styles.range_text(cells)} frames a cell",
         f"locator: {grid.locator}",
@@ -161,18 +152,13 @@ def dimming_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
 
 def draw_best(axes: Axes, bests: Sequence[Best], rows: Sequence[float]) -> None:
     """Draw the best luminances of a map, with bars over those not distinguishable from them."""
-    middle = [
-        np.mean([rows.index(value) for value in best.least_cd_m2]) for best in bests
-    ]
-    low, high = (
-        [rows.index(best.candidates_cd_m2[end]) for best in bests] for end in (0, -1)
-    )
-    reach = [np.subtract(middle, low), np.subtract(high, middle)]
+    middle = np.array([np.searchsorted(rows, at.least_cd_m2).mean() for at in bests])
+    alike = [np.searchsorted(rows, at.candidates_cd_m2)[[0, -1]] for at in bests]
     edge: list[AbstractPathEffect] = [withStroke(linewidth=2.8, foreground=LOOK.ink)]
     drawn = axes.errorbar(
         np.arange(len(bests)) + 0.08,
-        np.add(middle, 0.5),
-        reach,
+        middle + 0.5,
+        np.abs(np.transpose(alike) - middle),
         color="white",
         marker="o",
         markersize=5,

@@ -134,8 +134,7 @@ def picture_figure(
     heights_in = []
     for first in range(0, len(pictures), columns):
         row = filter(None, pictures[first : first + columns])
-        shapes = [picture.pixels.shape for picture in row]
-        tallest = max(height / width for height, width, *_ in shapes)
+        tallest = max(len(at.pixels) / at.pixels.shape[1] for at in row)
         heights_in.append(words_in + width_in * min(1.0, tallest))
     row_in = width_in * min(columns, len(pictures)) + 0.3
     size_in = max(7.0, row_in), sum(heights_in) + 0.5

@@ -1,6 +1,7 @@
 """A report's words from a Jinja2 template, and its Markdown as one HTML page."""
 
 import base64
+import io
 import re
 import textwrap
 from functools import lru_cache
@@ -15,6 +16,7 @@ from markupsafe import Markup
 from PIL import Image, UnidentifiedImageError
 
 from vocc_torch.errors import VoccError
+from vocc_torch.files import read_file
 from vocc_torch.report.styles import rate_text
 
 SIGNS = {"agree": "\N{CHECK MARK}", "differ": "\N{BALLOT X}", "unsure": "?"}
@@ -52,26 +54,22 @@ def environment(package: str) -> jinja2.Environment:
 
     @jinja2.pass_context
     def escaped(context: jinja2.runtime.Context, value: object) -> object:
-        markdown = context.name is not None and context.name.endswith(".md.j2")
-        return md(value) if markdown and not hasattr(value, "__html__") else value
+        is_markdown = str(context.name).endswith(".md.j2")
+        return md(value) if is_markdown and not hasattr(value, "__html__") else value
 
     filled = jinja2.Environment(
-        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=escaped,
+        # Values of ``*.md.j2`` come here as Markdown already, and stay what they are.
+        autoescape=lambda name: str(name).endswith((".md.j2", ".html.j2")),
+        loader=jinja2.ChoiceLoader(
+            [jinja2.PackageLoader(name, "") for name in (package, __package__)]
+        ),
     )
-    filled.undefined, filled.finalize = jinja2.StrictUndefined, escaped
-    filled.loader = jinja2.ChoiceLoader(
-        [jinja2.PackageLoader(name, "") for name in (package, __package__)]
-    )
-    # Values of ``*.md.j2`` come here as Markdown already, and stay what they are.
-    filled.autoescape = lambda name: (
-        name is not None and name.endswith((".md.j2", ".html.j2"))
-    )
-    filled.filters |= {
-        "md": md,
-        "code": code,
-        "block": block,
-        "rate": rate_text,
-    }
+    filled.filters |= {"md": md, "code": code, "block": block, "rate": rate_text}
     filled.globals["SIGNS"] = SIGNS
     return filled
 
@@ -141,50 +139,39 @@ def html(markdown: str, title: str, folder: str | Path) -> str:
     """
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = reader.parse(markdown)
-    starts = []
-    for token in tokens:
-        if token.nesting > 0:
-            starts.append(token)
+    for place, token in enumerate(tokens):
+        if token.type != "inline":
+            continue
         for picture in token.children or ():
             if picture.type == "image":
                 embed(picture, Path(folder))
-        if token.type == "inline":
-            # A short item's words stand in a paragraph that is not shown.
-            parent = starts[-2] if starts[-1].hidden else starts[-1]
-            if parent.type == "heading_open":
-                parent.attrSet("id", slug(token.content))
-            for tone, sign in SIGNS.items():
-                if token.content.lstrip("*").startswith(f"{sign} "):
-                    parent.attrSet("class", tone)
+        # A short item's words stand in a paragraph that is not shown.
+        parent = tokens[place - 1 - tokens[place - 1].hidden]
+        if parent.type == "heading_open":
+            parent.attrSet("id", slug(token.content))
+        for tone, sign in SIGNS.items():
+            if token.content.lstrip("*").startswith(f"{sign} "):
+                parent.attrSet("class", tone)
     body = Markup(reader.renderer.render(tokens, reader.options, {}))
-    style = Markup(Path(__file__).with_name("page.css").read_text("utf-8"))
-    values = {"title": _one_line(title), "style": style, "body": body}
-    return render(__package__, "page.html.j2", **values)
+    return render(__package__, "page.html.j2", title=_one_line(title), body=body)
 
 
 def embed(picture: Token, folder: Path) -> None:
     """Put a PNG file's content in the place of its name.
 
     Raises:
-        VoccError: the picture is not in the folder or is no PNG file.
+        VoccError: the picture is not in the folder, cannot be read or is no PNG file.
     """
     name = unquote(str(picture.attrs["src"]))
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise VoccError(
             f"{name} leads out of the report's folder: give a path inside it, such as fig22.png"
         )
+    content = read_file(folder / name, "picture")
     try:
-        content = (folder / name).read_bytes()
-        with Image.open(folder / name, formats=["PNG"]) as shown:
+        with Image.open(io.BytesIO(content), formats=["PNG"]) as shown:
             size = {"width": shown.width, "height": shown.height}
     except UnidentifiedImageError as error:
         raise VoccError(f"{name} is not a PNG picture: {error}") from error
-    except OSError as error:
-        reason = error.strerror or error
-        raise VoccError(
-            f"cannot read {folder / name}: {reason}: write it before the report"
-        ) from error
-    picture.attrs |= {
-        "src": f"data:image/png;base64,{base64.b64encode(content).decode()}",
-        **size,
-    }
+    source = f"data:image/png;base64,{base64.b64encode(content).decode()}"
+    picture.attrs |= {"src": source, **size}

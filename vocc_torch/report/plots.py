@@ -12,22 +12,16 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes as Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Figure
-from matplotlib.lines import Line2D as Line2D
+from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
 from vocc_torch.errors import VoccError
 from vocc_torch.files import atomic_file
 from vocc_torch.measure.curve import BerTable, Row
 from vocc_torch.measure.estimate import Estimate
+from vocc_torch.report import styles
 from vocc_torch.report.annotation import Pixels as Pixels
-from vocc_torch.report.styles import (
-    Style,
-    axis_label,
-    range_text,
-    receiver_styles,
-    scale_of,
-    value_text,
-)
+from vocc_torch.report.styles import Style
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +46,22 @@ class FigureLook:
 
 
 LOOK = FigureLook()
+
+EDGE: dict[str, Any] = {
+    "markeredgecolor": "white",
+    "markeredgewidth": 0.7,
+    "linewidth": 1.7,
+}
+"""How the line of a curve is drawn, beside its style."""
+STAR: dict[str, Any] = {
+    "marker": "*",
+    "linestyle": "none",
+    "zorder": 5,
+    "markeredgecolor": LOOK.ink,
+    "markeredgewidth": 0.8,
+    "markersize": 12,
+}
+"""How a quoted value is drawn."""
 
 
 @dataclass(frozen=True)
@@ -97,16 +107,6 @@ class Panel:
     reason: str = ""
     spread_pt: float = LOOK.spread_pt
 
-    @property
-    def values(self) -> list[float]:
-        """Where the curves have rates, ascending."""
-        return sorted({value for curve in self.curves for value in curve.x})
-
-    @property
-    def scale(self) -> str:
-        """The horizontal axis's scale."""
-        return self.x_scale or scale_of(self.values)
-
 
 def curve_figure(
     panels: Sequence[Panel],
@@ -136,21 +136,22 @@ def curve_figure(
     if not panels:
         raise VoccError("panels is empty: a figure needs at least one panel")
     curves = [curve for panel in panels for curve in panel.curves]
-    styles = {curve.style.label: curve.style for curve in curves}
-    signs = signs_of(styles.values(), any(curve.stars for curve in curves))
+    signs = signs_of(
+        (curve.style for curve in curves), any(curve.stars for curve in curves)
+    )
     size_in = LOOK.single_in if len(panels) == 1 else None
     figure, axes = sheet(
         len(panels), title, footnote, columns, panel_in, size_in, signs, sharey=True
     )
+    labels = list(dict.fromkeys(curve.style.label for curve in curves))
     for place, panel in enumerate(panels):
-        draw_panel(axes[place], panel, tuple(styles))
+        draw_panel(axes[place], panel, labels)
         if place % columns and panels[place - 1].curves:
             axes[place].set_ylabel("")
         else:
             axes[place].tick_params(labelleft=True)
-    limits = rate_limits(curves)
-    if limits is not None and panels[0].y_scale == "log":
-        axes[0].set_ylim(*limits)
+    if panels[0].y_scale == "log":
+        axes[0].set_ylim(rate_limits(curves))
     return figure
 
 
@@ -187,9 +188,7 @@ def sheet(
     rows = -(-count // columns)
     width, height = panel_in
     size_in = size_in or (max(7.0, width * columns), max(3.6, 1.0 + height * rows))
-    figure = Figure(
-        figsize=size_in, dpi=LOOK.dpi, layout="constrained", facecolor="white"
-    )
+    figure = Figure(size_in, LOOK.dpi, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     every = figure.subplots(rows, columns, squeeze=False, **grid).ravel().tolist()
     for empty in every[count:]:
@@ -232,13 +231,8 @@ def quiet(axes: Axes, grid: Literal["x", "y", "both", ""] = "") -> None:
 def head(axes: Axes, text: str) -> None:
     """Write what axes show above them, each of its lines broken where it is long."""
     lines = (textwrap.fill(line, LOOK.title_letters) for line in text.split("\n"))
-    axes.set_title(
-        "\n".join(lines),
-        loc="left",
-        fontsize=10.5,
-        fontweight="bold",
-        color=LOOK.ink,
-    )
+    look = {"fontsize": 10.5, "fontweight": "bold", "color": LOOK.ink}
+    axes.set_title("\n".join(lines), look, "left")
 
 
 def draw_panel(axes: Axes, panel: Panel, labels: Sequence[str]) -> None:
@@ -264,19 +258,24 @@ def draw_panel(axes: Axes, panel: Panel, labels: Sequence[str]) -> None:
         )
         return
     quiet(axes, "both")
-    words = {"xlabel": panel.x_label, "ylabel": panel.y_label}
-    axes.set(xscale=panel.scale, yscale=panel.y_scale, **words)
+    values = sorted({value for curve in panel.curves for value in curve.x})
+    axes.set(
+        xscale=panel.x_scale or styles.scale_of(values),
+        yscale=panel.y_scale,
+        xlabel=panel.x_label,
+        ylabel=panel.y_label,
+    )
     axes.margins(x=0.06)
     for curve in panel.curves:
         place = labels.index(curve.style.label) - (len(labels) - 1) / 2
         draw_curve(axes, curve, place * panel.spread_pt)
     few = LOOK.ticks if len(axes.figure.axes) > 1 else 2 * LOOK.ticks
-    axes.xaxis.set_major_locator(ticker.FixedLocator(panel.values, few))
-    axes.xaxis.set_major_formatter(lambda value, _: value_text(value))
+    axes.xaxis.set_major_locator(ticker.FixedLocator(values, few))
+    axes.xaxis.set_major_formatter(lambda value, _: styles.value_text(value))
     axes.xaxis.set_minor_locator(ticker.NullLocator())
 
 
-def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
+def draw_curve(axes: Axes, curve: Curve, shift_pt: float) -> None:
     """Draw a line with error bars, arrows down from limits, pale bars over trainings, and stars.
 
     Args:
@@ -286,65 +285,46 @@ def draw_curve(axes: Axes, curve: Curve, shift_pt: float = 0.0) -> None:
     """
     rate, low, high = np.array([*map(astuple, curve.rates)]).reshape(-1, 3).T
     x, style = np.array(curve.x), curve.style
-    # A logarithmic axis has no place for 0.
-    free = (rate == 0) & (axes.get_yscale() == "log")
-    value = np.where(free, np.nan, rate)
     # What is drawn with a shift does not widen the axes by itself.
     axes.update_datalim([*zip(x, low, strict=True), *zip(x, high, strict=True)])
-    inches = axes.figure.dpi_scale_trans
-    shift = axes.transData + ScaledTranslation(shift_pt / 72, 0, inches)
+    shift = ScaledTranslation(shift_pt / 72, 0, axes.figure.dpi_scale_trans)
     look: dict[str, Any] = {
         "color": style.colour,
         "marker": style.marker,
         "markersize": 7,
-        "transform": shift,
+        "elinewidth": 1.3,
+        "transform": axes.transData + shift,
     }
+    # A logarithmic axis has no place for 0.
+    free = (rate == 0) & (axes.get_yscale() == "log")
+    value = np.where(free, np.nan, rate)
     # Rounding may put an end a last digit on the wrong side.
     reach = np.maximum([value - low, high - value], 0)
-    caps_pt = 2.5 * reach.any()
     drawn = axes.errorbar(
-        x, value, reach, linestyle=style.line, elinewidth=1.3, capsize=caps_pt, **look
+        x, value, reach, linestyle=style.line, capsize=2.5 * reach.any(), **look
     )
     drawn.lines[0].set(label=style.label, **EDGE)
     if free.any():
-        axes.errorbar(
-            x[free],
-            high[free],
-            0.45 * high[free],
-            linestyle="none",
-            markerfacecolor="white",
-            uplims=True,
-            elinewidth=1.3,
-            **look,
+        ends = high[free]
+        arrows = axes.errorbar(
+            x[free], ends, 0.45 * ends, linestyle="none", uplims=True, **look
         )
+        arrows.lines[0].set_markerfacecolor("white")
+    look |= {"marker": "_", "markersize": 9, "elinewidth": 7}
     for at, over in zip(x, curve.spread, strict=False):
         if over is not None:
             ends = [[over.value - over.low], [over.high - over.value]]
-            look |= {"marker": "_", "markersize": 9, "elinewidth": 7}
             pale = axes.errorbar([at], [over.value], ends, **look)
             pale.lines[2][0].set_alpha(0.25)
     if curve.stars:
-        axes.plot(*zip(*curve.stars, strict=True), **star(style.colour))
+        axes.plot(*zip(*curve.stars, strict=True), color=style.colour, **STAR)
 
 
-EDGE: dict[str, Any] = {
-    "markeredgecolor": "white",
-    "markeredgewidth": 0.7,
-    "linewidth": 1.7,
-}
-"""How the line of a curve is drawn."""
-
-
-def star(colour: str) -> dict[str, Any]:
-    """Say how a quoted value is drawn."""
-    edge = {"markeredgecolor": LOOK.ink, "markeredgewidth": 0.8, "markersize": 12}
-    return {"marker": "*", "linestyle": "none", "color": colour, "zorder": 5, **edge}
-
-
-def signs_of(styles: Iterable[Style], quoted: bool) -> list[Artist]:
+def signs_of(looks: Iterable[Style], quoted: bool) -> list[Artist]:
     """Make the signs of a legend, one for each label, and that of quoted values."""
-    signs: list[Artist] = [
-        Line2D(
+    signs: list[Artist] = []
+    for label, style in {style.label: style for style in looks}.items():
+        line = Line2D(
             [],
             [],
             color=style.colour,
@@ -354,9 +334,10 @@ def signs_of(styles: Iterable[Style], quoted: bool) -> list[Artist]:
             label=label,
             **EDGE,
         )
-        for label, style in {style.label: style for style in styles}.items()
-    ]
-    return signs + [Line2D([], [], **star(LOOK.quiet), label="quoted")] * quoted
+        signs.append(line)
+    if quoted:
+        signs.append(Line2D([], [], color=LOOK.quiet, label="quoted", **STAR))
+    return signs
 
 
 def rate_limits(curves: Iterable[Curve]) -> tuple[float, float] | None:
@@ -369,13 +350,12 @@ def rate_limits(curves: Iterable[Curve]) -> tuple[float, float] | None:
     """
     lows, highs = [], []
     for curve in curves:
-        rates = [*curve.rates, *filter(None, curve.spread)]
-        rates += [Estimate(y, y, y) for _, y in curve.stars]
-        for rate in rates:
+        stars = (Estimate(y, y, y) for _, y in curve.stars)
+        for rate in (*curve.rates, *filter(None, curve.spread), *stars):
             # An arrow reaches down to half of its limit.
             lows.append(max(rate.low, rate.value / 10) / 1.3 or rate.high / 5)
             highs.append(rate.high)
-    if not highs or min(lows) <= 0:
+    if min(lows, default=0) <= 0:
         return None
     return min(lows), min(max(1.0, *highs), 1.6 * max(highs))
 
@@ -400,7 +380,7 @@ class Rows:
 
 
 def rows_figure(
-    names: Sequence[str], panels: Sequence[Rows], title: str, footnote: str = ""
+    names: Sequence[str], panels: Sequence[Rows], title: str, footnote: str
 ) -> Figure:
     """Draw intervals in rows that all panels share, the first at the top; every other row has a grey band.
 
@@ -413,20 +393,15 @@ def rows_figure(
     Example:
         >>> style = Style("time", "#0072B2", "o", "-")
         >>> panel = Rows([(style, [Estimate(2.0, 1.0, 3.0)])], "ms")
-        >>> [label.get_text() for label in rows_figure(["paper"], [panel], "Times").axes[0].get_yticklabels()]
+        >>> [label.get_text() for label in rows_figure(["paper"], [panel], "Times", "").axes[0].get_yticklabels()]
         ['paper']
     """
-    size_in = 5.4 * len(panels) + 0.6, 2.0 + LOOK.row_in * len(names)
-    styles = [style for panel in panels for style, _ in panel.series]
-    signs = signs_of(styles, any(panel.stars for panel in panels))
+    count = len(panels)
+    size_in = 5.4 * count + 0.6, 2.0 + LOOK.row_in * len(names)
+    looks = (style for panel in panels for style, _ in panel.series)
+    signs = signs_of(looks, any(panel.stars for panel in panels))
     figure, axes = sheet(
-        len(panels),
-        title,
-        footnote,
-        len(panels),
-        size_in=size_in,
-        signs=signs,
-        sharey=True,
+        count, title, footnote, count, size_in=size_in, signs=signs, sharey=True
     )
     for panel_axes, panel in zip(axes, panels, strict=True):
         draw_rows(panel_axes, panel)
@@ -445,12 +420,11 @@ def draw_rows(axes: Axes, panel: Rows) -> None:
         panel: the intervals.
     """
     quiet(axes, "x")
-    if panel.scale == "symlog":
-        axes.set_xscale("symlog", linthresh=LOOK.linear)
-        axes.axvline(0, color=LOOK.quiet, linewidth=1.0, zorder=1)
-    else:
-        axes.set_xscale(panel.scale)
     head(axes, panel.title)
+    is_symlog = panel.scale == "symlog"
+    axes.set_xscale(panel.scale, **{"linthresh": LOOK.linear} if is_symlog else {})
+    if is_symlog:
+        axes.axvline(0, color=LOOK.quiet, linewidth=1.0, zorder=1)
     axes.set_xlabel(panel.x_label)
     axes.tick_params(axis="y", length=0)
     for number, (style, estimates) in enumerate(panel.series):
@@ -458,11 +432,11 @@ def draw_rows(axes: Axes, panel: Rows) -> None:
         for row, estimate in enumerate(estimates):
             if estimate is None or (panel.scale == "log" and estimate.high <= 0):
                 continue
-            reach = [[estimate.value - estimate.low], [estimate.high - estimate.value]]
+            value, low, high = astuple(estimate)
             axes.errorbar(
-                [estimate.value],
+                [value],
                 [row + shift],
-                xerr=reach,
+                xerr=[[value - low], [high - value]],
                 markerfacecolor=style.colour if estimate.real else "white",
                 markersize=5,
                 color=style.colour,
@@ -470,13 +444,13 @@ def draw_rows(axes: Axes, panel: Rows) -> None:
                 capsize=2,
             )
     if panel.stars:
-        axes.plot(list(panel.stars.values()), list(panel.stars), **star("white"))
+        axes.plot([*panel.stars.values()], [*panel.stars], color="white", **STAR)
 
 
 def table_panel(
     table: BerTable,
     title: str = "",
-    styles: Mapping[str, Style] | None = None,
+    looks: Mapping[str, Style] | None = None,
     stars: Mapping[str, Sequence[tuple[float, float]]] = {},
 ) -> Panel:
     """Make a panel of a table of bit error rates.
@@ -484,7 +458,7 @@ def table_panel(
     Args:
         table: at least one point.
         title: above the axes.
-        styles: by receiver; the package's own by default.
+        looks: styles by receiver; the package's own by default.
         stars: quoted points by receiver.
 
     Raises:
@@ -492,15 +466,15 @@ def table_panel(
     """
     if not len(table):
         raise VoccError("table is empty: a figure needs at least one point")
-    styles, curves = styles or receiver_styles(table.receivers), []
-    for receiver, style in styles.items():
+    curves = []
+    for receiver, style in (looks or styles.receiver_styles(table.receivers)).items():
         if rows := table.of(receiver):
             rates = [Estimate(row.ber, row.ber_low, row.ber_high) for row in rows]
             spread = [row.algorithm if row.ber_sd else None for row in rows]
             x, quoted = [row.value for row in rows], stars.get(receiver, ())
             curves.append(Curve(style, x, rates, spread, quoted))
-    scale = scale_of(table.values, table.axis)
-    return Panel(curves, title, axis_label(table.axis), x_scale=scale)
+    scale = styles.scale_of(table.values, table.axis)
+    return Panel(curves, title, styles.axis_label(table.axis), x_scale=scale)
 
 
 def ber_figure(table: BerTable, title: str) -> Figure:
@@ -521,10 +495,13 @@ def ber_figure(table: BerTable, title: str) -> Figure:
         'Distance (m)'
     """
     panel = table_panel(table)
-    frames = range_text(row.frames for row in table)
-    dot = " \N{MIDDLE DOT} "
-    note = f"{frames} frames a point{dot}locator: {', '.join(table.locators)}{dot}{interval_note(table)}"
-    return curve_figure([panel], title, note)
+    frames = styles.range_text(row.frames for row in table)
+    notes = (
+        f"{frames} frames a point",
+        f"locator: {', '.join(table.locators)}",
+        interval_note(table),
+    )
+    return curve_figure([panel], title, " \N{MIDDLE DOT} ".join(notes))
 
 
 def interval_note(rows: Iterable[Row]) -> str:

@@ -184,30 +184,24 @@ def write_grid(path: Path, grid: Grid) -> None:
             j = grid.columns.index(row.value)
             low, high = (float(side[i, j]) for side in ends[row.receiver])
             points.append((at, *astuple(replace(row, ber_low=low, ber_high=high))))
-    bests: list[Cells] = [
-        (
-            "receiver",
-            "locator",
-            grid.row_axis,
-            "best_from_cd_m2",
-            "best_to_cd_m2",
-            "range_from_cd_m2",
-            "range_to_cd_m2",
-            "ber",
-            "ber_low",
-            "ber_high",
-            "may_lie_below_grid",
-            "may_lie_above_grid",
-        )
-    ]
-    for receiver in grid.receivers:
-        for best in best_luminance(grid, receiver):
-            least, alike = best.least_cd_m2, best.candidates_cd_m2
-            rates = best.ber, best.ber_low, best.ber_high
-            edges = best.reaches_lowest, best.reaches_highest
-            spans = least[0], least[-1], alike[0], alike[-1]
-            words = ("yes" if edge else "no" for edge in edges)
-            light = best.ambient_lx
-            bests.append((receiver, grid.locator, light, *spans, *rates, *words))
     write_rows(path, points)
-    write_rows(path.with_stem(f"{path.stem}_best"), bests)
+    bests = [
+        {
+            "receiver": best.receiver,
+            "locator": grid.locator,
+            grid.row_axis: best.ambient_lx,
+            "best_from_cd_m2": best.least_cd_m2[0],
+            "best_to_cd_m2": best.least_cd_m2[-1],
+            "range_from_cd_m2": best.candidates_cd_m2[0],
+            "range_to_cd_m2": best.candidates_cd_m2[-1],
+            "ber": best.ber,
+            "ber_low": best.ber_low,
+            "ber_high": best.ber_high,
+            "may_lie_below_grid": "yes" if best.reaches_lowest else "no",
+            "may_lie_above_grid": "yes" if best.reaches_highest else "no",
+        }
+        for receiver in grid.receivers
+        for best in best_luminance(grid, receiver)
+    ]
+    lines: list[Cells] = [[*bests[0]], *([*best.values()] for best in bests)]
+    write_rows(path.with_stem(f"{path.stem}_best"), lines)

@@ -97,16 +97,15 @@ def write_samples(
     most = SETTINGS.most // len(kinds)
     pictures: list[Picture | None] = []
     for kind in kinds:
-        points = list(scenes_of(plan, kind).items())
-        steps = np.linspace(0, len(points) - 1, most).round().astype(int)
-        places = np.unique(steps).tolist()
-        head = heads[kind]
-        for name, model in (points[place] for place in places):
+        head, models = heads[kind], scenes_of(plan, kind)
+        steps = np.linspace(0, len(models) - 1, most).round()
+        names = np.array([*models])[np.unique(steps.astype(int))].tolist()
+        for name in names:
             axis, _, value = name.rpartition("/")[2].partition("=")
-            label = [f"{axis_label(axis)}: {value}"] if value else []
+            place = f"{axis_label(axis)}: {value}\n" if value else ""
             key = BlockKey(plan.seed, name, 0)
-            for crop in crops(simulator, key, model, most // len(places)):
-                words = "\n".join([*label, *captions(crop.scene)])
+            for crop in crops(simulator, key, models[name], most // len(names)):
+                words = place + caption(crop.scene)
                 pictures.append(Picture(crop.pixels, head, words))
                 head = ""
         pictures += [None] * (-len(pictures) % SETTINGS.columns)
@@ -115,17 +114,19 @@ def write_samples(
     save_figure(figure, folder / SAMPLES)
 
 
-def captions(scene: Scene) -> tuple[str, str]:
+def caption(scene: Scene) -> str:
     """Say a scene's values in two lines.
 
     Example:
-        >>> captions(Scene.of(distance_m=50.0))[0]
+        >>> caption(Scene.of(distance_m=50.0)).splitlines()[0]
         '50 m, ambient 8\u2009000 lx'
     """
-    lights = float(scene.ambient_lx[0]), float(scene.led_luminance_cd_m2[0])
     ambient, led = (
-        count_text(round(value)) if value >= 100 else f"{value:.3g}" for value in lights
+        count_text(round(light)) if light >= 100 else f"{light:.3g}"
+        for light in (scene.ambient_lx.item(), scene.led_luminance_cd_m2.item())
     )
-    return (f"{float(scene.distance_m[0]):.3g} m, ambient {ambient} lx"), (
-        f"LED {led} cd/m\N{SUPERSCRIPT TWO}, background {float(scene.background_grey[0]):.0f}"
+    distance_m, grey = scene.distance_m.item(), scene.background_grey.item()
+    return (
+        f"{distance_m:.3g} m, ambient {ambient} lx\n"
+        f"LED {led} cd/m\N{SUPERSCRIPT TWO}, background {grey:.0f}"
     )

@@ -7,6 +7,7 @@ value in a unit that makes it whole, and the logarithm of the rate is what is lo
 import math
 import re
 import threading
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,7 +23,8 @@ from torch.utils.tensorboard import SummaryWriter
 from vocc_torch.errors import VoccError
 from vocc_torch.measure.config import Settings, as_yaml
 from vocc_torch.measure.curve import BerTable, Row
-from vocc_torch.report import page, plots, styles
+from vocc_torch.report import page, styles
+from vocc_torch.report.plots import Figure, Pixels, save_figure
 
 SUMMARY_RUN = "_summary"
 """Name of the run that holds what belongs to no single receiver."""
@@ -80,19 +82,17 @@ def swept_keys() -> dict[str, str]:
     """
     if not HydraConfig.initialized() or HydraConfig.get().mode != RunMode.MULTIRUN:
         return {}
-    pairs = (text.partition("=") for text in HydraConfig.get().overrides.task)
-    found = {key.lstrip("+~"): value for key, _, value in pairs}
-    return {
-        key: value for key, value in found.items() if key not in NOT_HYPERPARAMETERS
-    }
+    words = (word.lstrip("+~") for word in HydraConfig.get().overrides.task)
+    pairs = (word.partition("=")[::2] for word in words)
+    return {key: value for key, value in pairs if key not in NOT_HYPERPARAMETERS}
 
 
 def write_figures(
     settings: Settings,
     folder: Path,
-    figures: Mapping[str, plots.Figure],
+    figures: Mapping[str, Figure],
     tables: Mapping[str, Sequence[BerTable]] = {},
-    images: Mapping[str, plots.Pixels] = {},
+    images: Mapping[str, Pixels] = {},
     **rows: Mapping[str, Any],
 ) -> None:
     """Write a run's figures as PNG files and, where it wants one, its board with figures and configuration.
@@ -108,21 +108,20 @@ def write_figures(
     pictures = {f"images/{name}": pixels for name, pixels in images.items()}
     for name, figure in figures.items():
         path = folder / f"{name}.png"
-        plots.save_figure(figure, path)
+        save_figure(figure, path)
         if settings.tensorboard:
             pictures[f"figures/{name}"] = np.array(Image.open(path).convert("RGB"))
     if settings.tensorboard:
         configuration = f"```yaml\n{as_yaml(settings)}\n```"
-        texts = {"configuration": configuration}
-        write_boards(folder / "tensorboard", tables, pictures, texts, **rows)
+        write_boards(folder / "tensorboard", tables, pictures, configuration, **rows)
 
 
 def write_boards(
     folder: str | Path,
     tables: Mapping[str, Sequence[BerTable]],
-    images: Mapping[str, plots.Pixels] = {},
-    texts: Mapping[str, str] = {},
-    numbers: Mapping[str, Mapping[str, float]] = {},
+    images: Mapping[str, Pixels] = {},
+    configuration: str = "",
+    numbers: Mapping[str, dict[str, float]] = {},
     runs: Mapping[str, tuple[dict[str, Any], dict[str, float]]] = {},
 ) -> None:
     """Write one board of several tables; what an earlier call left in the same runs is replaced.
@@ -139,7 +138,7 @@ def write_boards(
         tables: by group, tables of different axes; the name of a single group may be empty, for tags without
             one.
         images: (H,W,3) uint8 pictures by name.
-        texts: Markdown by name.
+        configuration: of the run, as Markdown.
         numbers: what else stands in a receiver's row of the HPARAMS tab, by receiver.
         runs: further runs by name, which are a row of the HPARAMS tab each: settings and numbers.
 
@@ -162,12 +161,10 @@ def write_boards(
         for table in group_tables
         if len(table)
     ]
-    names = (name for part in parts for name in part.table.receivers)
+    names = dict.fromkeys(name for part in parts for name in part.table.receivers)
     # The sort is stable: those without a place keep their order.
     first = styles.LOOKS["written_first"]
-    receivers = sorted(
-        dict.fromkeys(names), key=lambda name: [*first, name].index(name)
-    )
+    receivers = sorted(names, key=lambda name: [*first, name].index(name))
     try:
         with quiet_threads():
             for receiver in receivers:
@@ -179,8 +176,7 @@ def write_boards(
                     writer.add_hparams(*row, run_name=".")
             with cleared_run(Path(folder) / SUMMARY_RUN) as writer:
                 write_guide(writer, parts)
-                for name, text in texts.items():
-                    writer.add_text(name, text)
+                writer.add_text("configuration", configuration)
                 for name, pixels in images.items():
                     writer.add_image(name, pixels, dataformats="HWC")
     except OSError as error:
@@ -221,73 +217,70 @@ class BoardPart:
         return str(styles.LOOKS["steps"].get(self.table.axis, (1, label))[1])
 
     def repeats(self, row: Row) -> int:
-        """Return at how many neighbouring steps a point is written.
+        """Return at how many neighbouring steps a point with errors is written.
 
         TensorBoard takes what few points have for outliers: both ends of a chart have enough of them.
         """
-        rates = [point.ber for point in self.table if not point.error_free]
-        if row.ber not in (min(rates, default=None), max(rates, default=None)):
+        rates = sorted(point.ber for point in self.table if not point.error_free)
+        if row.ber not in (rates[0], rates[-1]):
             return 1
         step = self.steps[row.value]
-        room = min(
-            (other - step for other in self.steps.values() if other > step),
-            default=len(rates),
-        )
-        return min(room, 2 + math.ceil(1.2 * OUTLIERS * len(rates)))
+        beyond = [other - step for other in self.steps.values() if other > step]
+        enough = 2 + math.ceil(1.2 * OUTLIERS * len(rates))
+        return min(min(beyond, default=len(rates)), enough)
 
     def charts(self) -> tuple[str, dict[str, list[str | list[str]]]]:
         """Lay out curves, curves with intervals, and limits where a point has no errors, with their heading.
 
         Tags of lines are regular expressions, those of bands are literal.
         """
-        band = list(map(self.tag, SHOWN))
+        rates, limits = (re.escape(self.tag(name)) for name in (SHOWN[0], LIMITS))
         charts: dict[str, list[str | list[str]]] = {
-            "log10 BER": ["Multiline", [f"^{re.escape(band[0])}$"]],
-            "log10 BER with 95 % intervals": ["Margin", band],
+            "log10 BER": ["Multiline", [f"^{rates}$"]],
+            "log10 BER with 95 % intervals": ["Margin", list(map(self.tag, SHOWN))],
         }
         if any(row.error_free for row in self.table):
-            charts["no errors: log10 of the 95 % upper limit"] = [
-                "Multiline",
-                [f"^{re.escape(self.tag('log10_BER_upper95'))}$"],
-            ]
+            title = "no errors: log10 of the 95 % upper limit"
+            charts[title] = ["Multiline", [f"^{limits}$"]]
         name = " ".join(filter(None, (self.group, self.table.experiment)))
         return f"{name}: bit error rate (step: {self.unit})", charts
 
     def rates(self, receiver: str) -> Iterator[tuple[str, float, int]]:
         """Give tag, value and step of one receiver's curves, in ascending order; others would vanish."""
         for row in self.table.of(receiver):
-            ends = {"": row.ber, "_lo": row.ber_low, "_hi": row.ber_high}
-            rates = {"_upper95": row.ber_high} if row.error_free else ends
-            shown = {
-                f"log10_BER{end}": math.log10(rate or row.ber / 10)
-                for end, rate in rates.items()
-            }
-            for quantity, value in {"BER": row.ber, **shown}.items():
-                for beside in range(self.repeats(row) if quantity in SHOWN else 1):
-                    yield self.tag(quantity), value, self.steps[row.value] + beside
+            step = self.steps[row.value]
+            yield self.tag("BER"), row.ber, step
+            if row.error_free:
+                yield self.tag(LIMITS), math.log10(row.ber_high), step
+                continue
+            rates = row.ber, row.ber_low or row.ber / 10, row.ber_high
+            for quantity, rate in zip(SHOWN, rates, strict=True):
+                for beside in range(self.repeats(row)):
+                    yield self.tag(quantity), math.log10(rate), step + beside
 
 
 SHOWN = ("log10_BER", "log10_BER_lo", "log10_BER_hi")
-"""The curves of the charts."""
+"""The curves of the charts: rates and the ends of their intervals."""
+LIMITS = "log10_BER_upper95"
+"""The curve of upper limits at points without errors."""
 
 
 def write_receiver(
     writer: SummaryWriter,
     parts: Sequence[BoardPart],
     receiver: str,
-    numbers: Mapping[str, float],
+    numbers: dict[str, float],
 ) -> None:
     """Write a receiver's curves, and its row of the HPARAMS tab with its rates over all points of a table."""
-    rates, rows = {}, []
+    rates, rows = {}, list[tuple[str, Row]]()
     for part in parts:
         for rate in part.rates(receiver):
             writer.add_scalar(*rate)
         if mine := part.table.of(receiver):
             name = "BER" if len(parts) == 1 else part.tag("BER")
-            rates[f"all_points/{name}"] = sum(row.wrong_bits for row in mine) / sum(
-                row.bits for row in mine
-            )
-            rows += [(part.group, row) for row in mine]
+            wrong, bits = sum(row.wrong_bits for row in mine), sum(r.bits for r in mine)
+            rates[f"all_points/{name}"] = wrong / bits
+            rows += ((part.group, row) for row in mine)
     if len(parts) == 1:
         rates["all_points/lowest_BER"] = min(row.ber for _, row in rows)
         rates["all_points/highest_BER"] = max(row.ber for _, row in rows)
@@ -299,20 +292,19 @@ def write_receiver(
     if groups := listed(group for group, _ in rows):
         settings["group"] = groups
     # The run's own folder: any other would make a run more.
-    writer.add_hparams(settings | swept_keys(), {**rates, **numbers}, run_name=".")
+    writer.add_hparams(settings | swept_keys(), rates | numbers, run_name=".")
 
 
 def write_guide(writer: SummaryWriter, parts: Sequence[BoardPart]) -> None:
     """Lay the charts out and say how to read them, where there are curves."""
     if parts:
         writer.add_custom_scalars(dict(part.charts() for part in parts))
-        corners: dict[str, dict[str, None]] = {}
+        groups = defaultdict[str, dict[str, None]](dict)
         for part in parts:
-            located = ", ".join(part.table.locators)
-            corners.setdefault(located, {})[part.group] = None
+            groups[", ".join(part.table.locators)][part.group] = None
         units = list(dict.fromkeys(part.unit for part in parts))
-        said = page.render(__package__, "board.md.j2", groups=corners, units=units)
-        writer.add_text("how to read", said.rstrip())
+        text = page.render(__package__, "board.md.j2", groups=groups, units=units)
+        writer.add_text("how to read", text.rstrip())
 
 
 def listed(names: Iterable[str]) -> str:

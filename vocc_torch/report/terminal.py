@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -133,21 +134,18 @@ def ber_table(table: BerTable, console: Console) -> Table:
     heading = "\n".join([*name.split(), *([f"({unit}"] if 0 < len(unit) < 9 else [])])
     if console.options.ascii_only:
         heading = heading.replace("\N{SUPERSCRIPT TWO}", "2")
-    wide, long = list[TableRow](), list[TableRow]()
-    for value in table.values:
-        place = {"value": value_text(value)}
-        wide.append(dict(place))
-        for row in table:
-            if row.value == value:
-                rate = Estimate(row.ber, row.ber_low, row.ber_high)
-                wide[-1][f"{row.receiver}_ber"] = rate
-                long.append(place | {"receiver": row.receiver, "ber": rate})
+    wide: dict[float, TableRow] = {}
+    long: list[TableRow] = []
+    for row in sorted(table, key=lambda row: row.value):
+        text, rate = value_text(row.value), Estimate(row.ber, row.ber_low, row.ber_high)
+        wide.setdefault(row.value, {"value": text})[f"{row.receiver}_ber"] = rate
+        long.append({"value": text, "receiver": row.receiver, "ber": rate})
     # A long name is broken after each word.
     heads = {
         f"{name}_ber": name if len(name) < 9 else name.replace("_", "_\n")
         for name in table.receivers
     }
-    shown = row_table(wide, {"value": heading, **heads})
+    shown = row_table([*wide.values()], {"value": heading, **heads})
     free = console.options.update(width=10_000)
     if console.measure(shown, options=free).maximum <= console.width:
         return shown
@@ -237,7 +235,7 @@ class Stopwatch:
     """
 
     console: Console | None = None
-    seconds: dict[str, float] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -246,8 +244,7 @@ class Stopwatch:
         try:
             yield
         finally:
-            spent = time.perf_counter() - begun
-            self.seconds[name] = self.seconds.get(name, 0.0) + spent
+            self.seconds[name] += time.perf_counter() - begun
         if self.console is not None:
             text = f"{name:<20} {self.seconds[name]:6.1f} s"
             self.console.print(text, highlight=False)
