@@ -1,7 +1,7 @@
 """Errors over frames that were drawn where errors are expected, each with its weight, and their interval."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -72,7 +72,7 @@ class WeightedCounts(Counts):
         sums = weighted, weighted * h, weighted**2, weighted**4
         unplaced = replace(counts, misplaced=0, misplaced_half_errors=0)
         weights_of_frames = counts.frames * nominal, *(part.sum() for part in sums)
-        return cls(*unplaced.numbers, *weights_of_frames)
+        return cls(*astuple(unplaced), *weights_of_frames)
 
     @property
     def ber(self) -> float:
