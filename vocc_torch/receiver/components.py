@@ -102,15 +102,15 @@ def label_components(mask: Tensor) -> Tensor:
 def row_ends(mask: Tensor) -> tuple[Tensor, Tensor]:
     """Find the first and the last foreground column of each row, (...,H,W) to (...,H) int16.
 
-    In rows without foreground the first one is greater than the last.
+    In rows without foreground the last one is -1, and the first one is the last column.
 
     Example:
         >>> first, last = row_ends(torch.tensor([[0, 1, 0, 1, 0], [0, 0, 0, 0, 0]]).bool())
         >>> first.tolist(), last.tolist()
-        ([1, 5], [3, -1])
+        ([1, 4], [3, -1])
     """
     columns = torch.arange(mask.shape[-1], dtype=torch.int16, device=mask.device)
-    first = torch.where(mask, columns, mask.shape[-1]).amin(-1)
+    first = torch.where(mask, columns, mask.shape[-1] - 1).amin(-1)
     return first, torch.where(mask, columns, -1).amax(-1)
 
 
