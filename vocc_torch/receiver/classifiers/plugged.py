@@ -13,11 +13,11 @@ from torch import Tensor, nn
 from vocc_torch.boundary import demand_fields
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import PlugIn, one_line
-from vocc_torch.receiver.classifiers import adapters
 from vocc_torch.receiver.classifiers.estimator_file import TRUSTED, skops_io, unpacked
+from vocc_torch.receiver.classifiers.estimators import SklearnClassifier, is_estimator
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.protocol import Guarded
-from vocc_torch.receiver.classifiers.training import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import TorchClassifier, TrainingRecipe
 
 SKOPS = "skops"
 """The name under which an estimator's file, made by skops, stands among the arrays."""
@@ -74,10 +74,10 @@ def classifier_of(
     with seeded(recipe.seed):
         built = plug_in.build(kind, arguments)
     if isinstance(built, nn.Module):
-        built = adapters.TorchClassifier(built, recipe)
-    elif adapters.is_estimator(built):
+        built = TorchClassifier(built, recipe)
+    elif is_estimator(built):
         try:
-            built = adapters.SklearnClassifier(built)
+            built = SklearnClassifier(built)
         except VoccError as error:
             raise VoccError(f"classifiers.{plug_in.name}: {error}") from error
     return Guarded(plug_in.name, built, inputs, plug_in)
@@ -128,7 +128,7 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, Tensor]]:
         ({'sharpening': 0.25, 'rounds': 2}, {})
     """
     classifier: Any = guarded.classifier
-    if isinstance(classifier, adapters.SklearnClassifier):
+    if isinstance(classifier, SklearnClassifier):
         io, release = skops_io(guarded.name)
         packed = bytearray(io.dumps(classifier.estimator))
         return {"release": release}, {
@@ -213,7 +213,7 @@ def restored(
                 io,
                 lambda name: name in TRUSTED or name.startswith(modules),
             )
-            learned = adapters.SklearnClassifier(estimator)
+            learned = SklearnClassifier(estimator)
             return Guarded(plug_in.name, learned, inputs, plug_in)
         if plug_in.target in SHIPPED:
             demand_size(plug_in, inputs, arrays)
@@ -248,7 +248,7 @@ def demand_size(plug_in: PlugIn, inputs: Inputs, arrays: Mapping[str, Tensor]) -
         raise VoccError("its arguments are too long")
     with torch.device("meta"):
         sketch: Any = classifier_of(plug_in, inputs).classifier
-    if isinstance(sketch, adapters.TorchClassifier):
+    if isinstance(sketch, TorchClassifier):
         for name, value in sketch.module.state_dict(prefix="module.").items():
             if name not in arrays or arrays[name].shape != value.shape:
                 raise VoccError(f"its arguments do not fit {name}")

@@ -237,6 +237,11 @@ def joined(batches: Iterable[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
     return x, bits
 
 
+def leds(x: Tensor) -> Tensor:
+    """Flatten the LEDs of all panels to rows, (N,F) float32."""
+    return x.reshape(-1, x.shape[-1]).float()
+
+
 def _unpacked(
     name: str, packed: bytes, inputs: Inputs, plug_in: PlugIn | None
 ) -> Guarded:
