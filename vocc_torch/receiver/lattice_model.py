@@ -140,6 +140,7 @@ class Model(NamedTuple):
 
     Args:
         grey: (B,H,W) float32, the picture as resampled about the lattice, DN.
+        lattice: of B pictures.
         rows: down the columns, with a spot for each row.
         columns: along the rows, with a spot for each column.
         box: (B,H,W) light of a face of 1.
@@ -150,6 +151,7 @@ class Model(NamedTuple):
     """
 
     grey: Tensor
+    lattice: Lattice
     rows: Profiles
     columns: Profiles
     box: Tensor
@@ -173,7 +175,8 @@ class Model(NamedTuple):
         base = background + face * box
         levels = lattice.levels.to(grey.dtype)[:, :, None, None]
         light = base + (parts * levels).sum(1)
-        return cls(grey, rows, columns, box, base, parts, light, grey_values(light))
+        predicted = grey_values(light)
+        return cls(grey, lattice, rows, columns, box, base, parts, light, predicted)
 
     def trust(self) -> Tensor:
         """Weigh pixels (B,H,W): what the lattice cannot explain, such as what hides the panel, counts little.
@@ -184,19 +187,17 @@ class Model(NamedTuple):
         scale = PATCH.outlier * rest.mean((1, 2), keepdim=True) + 1.0
         return 1 / (1 + (rest / scale) ** 2)
 
-    def scored(self, lattice: Lattice, trust: Tensor) -> Lattice:
+    def scored(self, trust: Tensor) -> Lattice:
         """Return the lattice with its ``rms_dn`` and shares; ``trust`` (B,H,W) weighs the pixels."""
-        level = grey_values(lattice.background).to(self.grey.dtype)[:, None, None]
-        rest, spread = (
-            (self.grey - self.predicted).square(),
-            (self.grey - level).square(),
-        )
+        level = grey_values(self.lattice.background).to(self.grey.dtype)[:, None, None]
+        squares = [(self.grey - part).square() for part in (self.predicted, level)]
         weight = trust.sum((1, 2))
-        weighed = [(one * trust).sum((1, 2)) / weight for one in (rest, spread)]
-        both = torch.stack([*weighed, rest.mean((1, 2)), spread.mean((1, 2))]).double()
-        shares = 1 - both[::2] / both[1::2].clamp(min=PATCH.rounding_dn**2)
+        means = [(square * trust).sum((1, 2)) / weight for square in squares]
+        means += [square.mean((1, 2)) for square in squares]
+        left, spread = torch.stack(means).double().view(2, 2, -1).unbind(1)
+        share, share_of_all = 1 - left / spread.clamp(min=PATCH.rounding_dn**2)
         return replace(
-            lattice, rms_dn=both[0].sqrt(), share=shares[0], share_of_all=shares[1]
+            self.lattice, rms_dn=left[0].sqrt(), share=share, share_of_all=share_of_all
         )
 
 
@@ -238,16 +239,8 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
         for part in torch.cartesian_prod(pitch, shift, blur).unbind(1)
     )
     centre = leds / 2 + s + p * (sample_cells(leds, 1, 0) - leds / 2)
-    spots = torch.exp(
-        -(
-            (
-                (sample_cells(leds, PATCH.samples, SEARCH.margin)[:, None] - centre)
-                / (g * p)
-            )
-            ** 2
-        )
-        / 2
-    )
+    samples = sample_cells(leds, PATCH.samples, SEARCH.margin)[:, None]
+    spots = torch.exp(-(((samples - centre) / (g * p)) ** 2) / 2)
     basis = torch.linalg.qr(spots)[0]
     row, column = torch.triu_indices(spots.shape[1], spots.shape[1])
     halves = (basis @ basis.mT)[:, row, column] * torch.where(row == column, 1.0, 2.0)

@@ -4,6 +4,7 @@ import inspect
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -155,27 +156,19 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, Tensor]]:
     return values, arrays
 
 
-def admitted(
-    settings: Mapping[str, Any],
-    arrays: Mapping[str, Tensor],
-    plug_ins: Sequence[str],
-) -> PlugIn:
-    """Read a classifier's plug-in from a model file; one whose code was not named is refused.
-
-    Of an estimator of scikit-learn nothing is built: skops reads it, and trusts what it knows.
-
-    Args:
-        settings: as :attr:`PlugIn.settings` has them.
-        arrays: what it learned.
-        plug_ins: Python files and packages that the user names.
+def model_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """Take what a model file keeps of a classifier: settings and arrays; :func:`loaded` reads them back.
 
     Raises:
-        VoccError: as :meth:`PlugIn.admitted`.
+        VoccError: it was not built from settings, or as :func:`state_of`.
     """
-    if SKOPS in arrays:
-        settings, plug_ins = {**settings, "arguments": {}}, (*plug_ins, "sklearn")
-    key = f"classifiers.{settings['name']}"
-    return PlugIn.admitted(key, settings, plug_ins, SHIPPED)
+    if guarded.plug_in is None:
+        raise VoccError(
+            f"classifier {guarded.name} was not built from settings: it cannot be saved"
+        )
+    values, arrays = state_of(guarded)
+    inputs = asdict(guarded.inputs)
+    return {**guarded.plug_in.settings, "inputs": inputs, "values": values}, arrays
 
 
 def restored(
@@ -284,16 +277,25 @@ def loaded(
     arrays: Mapping[str, Tensor],
     plug_ins: Sequence[str],
 ) -> Guarded:
-    """Build a classifier from what :meth:`Guarded.model` gave.
+    """Build a classifier from what :func:`model_of` gave; one whose code was not named is refused.
+
+    Of an estimator of scikit-learn nothing is built: skops reads it, and trusts what it knows.
+
+    Args:
+        settings: as :attr:`PlugIn.settings` has them, its inputs, and numbers and texts that it learned.
+        arrays: that it learned.
+        plug_ins: Python files and packages that the user names.
 
     Raises:
-        VoccError: as :func:`admitted` and :func:`restored`.
+        VoccError: as :meth:`PlugIn.admitted` and :func:`restored`.
     """
-    input_settings, described = settings["inputs"], settings["inputs"]["patch"]
-    patch = None if described is None else Patch(**described)
+    features, patch = (settings["inputs"][key] for key in ("features", "patch"))
+    patch = None if patch is None else Patch(**patch)
     if patch is not None:
         demand_fields("inputs.patch", patch)
-    inputs = Inputs(tuple(input_settings["features"]), patch)
-    return restored(
-        admitted(settings, arrays, plug_ins), inputs, settings["values"], arrays
-    )
+    inputs, described = Inputs(tuple(features), patch), settings
+    if SKOPS in arrays:
+        described, plug_ins = {**settings, "arguments": {}}, (*plug_ins, "sklearn")
+    key = f"classifiers.{settings['name']}"
+    plug_in = PlugIn.admitted(key, described, plug_ins, SHIPPED)
+    return restored(plug_in, inputs, settings["values"], arrays)

@@ -3,8 +3,7 @@
 import io
 import pickle
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import torch
 from torch import Tensor
@@ -174,28 +173,6 @@ class Guarded:
                 f"classifier {self.name}: {what} gave {kind_of(answer)}, not a tensor of shape {expected}"
             )
         return answer
-
-    def model(self) -> tuple[dict[str, Any], dict[str, Tensor]]:
-        """What a model file keeps of it: settings and arrays.
-
-        Raises:
-            VoccError: it was not built from settings, or an attribute that cannot be kept.
-        """
-        if self.plug_in is None:
-            raise VoccError(
-                f"classifier {self.name} was not built from settings: it cannot be saved"
-            )
-        # Which builds what this file defines.
-        from vocc_torch.receiver.classifiers import (
-            plugged,
-        )
-
-        values, arrays = plugged.state_of(self)
-        return {
-            **self.plug_in.settings,
-            "inputs": asdict(self.inputs),
-            "values": values,
-        }, arrays
 
     def to(self, device: torch.device) -> "Guarded":
         """Copy it to a device, with every tensor that the classifier holds."""

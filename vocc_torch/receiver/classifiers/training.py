@@ -30,9 +30,6 @@ from vocc_torch.types import kind_of
 
 _CHECKSUM_BYTES = hashlib.sha256().digest_size
 
-_SCORED_LEDS = 1 << 16
-"""Most LEDs of the validation in one call of the module."""
-
 
 @dataclass(frozen=True, slots=True)
 class TrainingRecipe:
@@ -284,7 +281,8 @@ class TorchClassifier(Scored):
             VoccError: it is not finite.
         """
         self.module.eval()
-        sums, parts = [], (torch.split(part, _SCORED_LEDS) for part in (rows, target))
+        # So many LEDs fit in memory at once.
+        sums, parts = [], (torch.split(part, 1 << 16) for part in (rows, target))
         with torch.inference_mode():
             for part, bits in zip(*parts, strict=True):
                 sums.append(_cost(self._score(part), bits, reduction="sum"))
