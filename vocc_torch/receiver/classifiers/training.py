@@ -218,29 +218,16 @@ class TorchClassifier(Scored):
         spread = rows.std(dim=0)
         self._scale = rows.mean(dim=0), torch.where(spread > 0, spread, 1.0)
         self.module.to(x.device)
-        cards = [x.device] if x.device.type == "cuda" else []
         checkpoint = None
         if recipe.checkpoints is not None:
             checkpoint = Checkpoint(recipe.checkpoints, self.module, recipe, [x, bits])
-        steps = recipe.epochs * -(-len(rows) // recipe.batch_leds)
-        optimizer = torch.optim.AdamW(
-            self.module.parameters(),
-            lr=recipe.learning_rate,
-            weight_decay=recipe.weight_decay,
-        )
-        schedule = torch.optim.lr_scheduler.LambdaLR(
-            optimizer, lambda step: (1 + math.cos(math.pi * min(1.0, step / steps))) / 2
-        )
-        parts: dict[str, Any] = {
-            "module": self.module,
-            "optimizer": optimizer,
-            "schedule": schedule,
-        }
-        self.losses, self.earlier_s = [], 0.0
-        since, begun = 0, time.perf_counter()
+        cards = [x.device] if x.device.type == "cuda" else []
         with torch.random.fork_rng(devices=cards):
             torch.manual_seed(recipe.seed)
-            best = copy.deepcopy(self.module.state_dict())
+            steps = recipe.epochs * -(-len(rows) // recipe.batch_leds)
+            parts, begun = self._parts(steps), time.perf_counter()
+            best, since = copy.deepcopy(self.module.state_dict()), 0
+            self.losses, self.earlier_s = [], 0.0
             if checkpoint is not None and (state := checkpoint.load(x.device)):
                 for name, part in parts.items():
                     part.load_state_dict(state[name])
@@ -249,30 +236,44 @@ class TorchClassifier(Scored):
                 for card, draw in zip(cards, draws[1:], strict=True):
                     torch.cuda.set_rng_state(draw.cpu(), card)
             while len(self.losses) < recipe.epochs and since < recipe.patience:
-                self.module.train()
-                # In the order of torch's generator on the host.
-                order = torch.randperm(len(rows)).to(x.device)
-                for chosen in torch.split(order, recipe.batch_leds):
-                    loss = _cost(self._score(rows[chosen]), target[chosen])
-                    optimizer.zero_grad()
-                    torch.autograd.backward(loss)
-                    optimizer.step()
-                    schedule.step()
+                self._learn(parts, rows, target)
                 self.losses.append(self._validation_loss(held_rows, held_target))
                 since += 1
                 if self.losses[-1] < min(self.losses[:-1], default=math.inf):
                     best, since = copy.deepcopy(self.module.state_dict()), 0
                 if checkpoint is not None:
-                    draws = [
-                        torch.get_rng_state(),
-                        *map(torch.cuda.get_rng_state, cards),
-                    ]
+                    draws = [torch.get_rng_state()]
+                    draws += map(torch.cuda.get_rng_state, cards)
                     seconds = self.earlier_s + time.perf_counter() - begun
                     progress = best, since, self.losses, seconds, draws
                     states = {name: part.state_dict() for name, part in parts.items()}
                     checkpoint.save({**states, "progress": progress})
         self.module.load_state_dict(best)
         return self
+
+    def _parts(self, steps: int) -> dict[str, Any]:
+        """Give what has a state in a training of so many steps, by name."""
+        recipe = self.recipe
+        optimizer = torch.optim.AdamW(
+            self.module.parameters(),
+            lr=recipe.learning_rate,
+            weight_decay=recipe.weight_decay,
+        )
+        schedule = torch.optim.lr_scheduler.LambdaLR(
+            optimizer, lambda step: (1 + math.cos(math.pi * min(1.0, step / steps))) / 2
+        )
+        return {"module": self.module, "optimizer": optimizer, "schedule": schedule}
+
+    def _learn(self, parts: dict[str, Any], rows: Tensor, target: Tensor) -> None:
+        """Pass over the LEDs once, in the order of torch's generator on the host."""
+        self.module.train()
+        order = torch.randperm(len(rows)).to(rows.device)
+        for chosen in torch.split(order, self.recipe.batch_leds):
+            loss = _cost(self._score(rows[chosen]), target[chosen])
+            parts["optimizer"].zero_grad()
+            torch.autograd.backward(loss)
+            parts["optimizer"].step()
+            parts["schedule"].step()
 
     def _validation_loss(self, rows: Tensor, target: Tensor) -> float:
         """Give the mean loss of LEDs that are held back.
