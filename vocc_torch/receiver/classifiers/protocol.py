@@ -31,29 +31,15 @@ class Classifier(Protocol):
 
     def predict(self, x: Tensor) -> Tensor:
         """Decide every LED, (B,R,C) bool; as good as ``decision_function(x) >= 0``."""
-
-
-class Batches(Protocol):
-    """Training panels in batches, the same ones each time."""
-
-    def __call__(self, first: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Return panels ``first`` to ``first + count`` as batches of ``x`` (B,R,C,F) and bits (B,R,C)."""
-
-
-class Scored:
-    """What decides by its scores alone."""
-
-    def decision_function(self, x: Tensor) -> Tensor:
-        """Score every LED, (B,R,C); at least 0 is On.
-
-        Raises:
-            NotImplementedError: always: each kind has its own.
-        """
-        raise NotImplementedError
-
-    def predict(self, x: Tensor) -> Tensor:
-        """Decide every LED."""
         return self.decision_function(x) >= 0
+
+
+Batches = Callable[[int, int], Iterator[tuple[Tensor, Tensor]]]
+"""Training panels, the same ones each time.
+
+Of ``first`` and ``count`` it gives panels ``first`` to ``first + count`` as batches of ``x`` (B,R,C,F) and bits
+(B,R,C).
+"""
 
 
 class Guarded:

@@ -20,7 +20,7 @@ from vocc_torch.files import read_file, write_atomically
 from vocc_torch.plugins import blamed
 from vocc_torch.receiver.classifiers.protocol import (
     Batches,
-    Scored,
+    Classifier,
     fitted,
     joined,
     leds,
@@ -158,7 +158,7 @@ class Checkpoint:
 _cost = nn.functional.binary_cross_entropy_with_logits
 
 
-class TorchClassifier(Scored):
+class TorchClassifier(Classifier):
     """Train a module to score LEDs, with inputs brought to mean 0 and spread 1.
 
     The module gets (N,F) float32 and gives (N,) or (N,1), trained with the logistic loss, so that a score is

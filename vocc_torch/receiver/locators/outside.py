@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -45,13 +45,11 @@ class OutsideLocator(PanelLocator):
         plug_in: its class or function.
     """
 
-    name: ClassVar[str] = "outside"
-
     plug_in: PlugIn
 
     @property
-    def label(self) -> str:
-        """Its name in results."""
+    def name(self) -> str:  # type: ignore[override]  # each plug-in has its own
+        """Its name in configurations and results."""
         return self.plug_in.name
 
     @property
