@@ -34,29 +34,6 @@ class LadderSettings:
 LADDER = LadderSettings()
 
 
-def quantised(grey: Tensor) -> Tensor:
-    """Round floating grey values to uint8, clamped to 0 to 255; uint8 is returned unchanged.
-
-    Raises:
-        VoccError: a value is NaN or infinite, or ``grey`` is of another type.
-
-    Example:
-        >>> quantised(torch.tensor([-3.0, 99.6, 300.0])).tolist()
-        [0, 100, 255]
-    """
-    if grey.dtype == torch.uint8:
-        return grey
-    if not grey.is_floating_point():
-        raise VoccError(
-            f"frames.grey is {grey.dtype}: it must be torch.uint8 or floating"
-        )
-    if not bool(grey.isfinite().all()):
-        raise VoccError(
-            "frames.grey holds NaN or infinity: it must be grey values, 0 to 255"
-        )
-    return grey.round().clamp(0, 255).to(torch.uint8)
-
-
 @dataclass(frozen=True)
 class PaperLocator(LocatorLimits, PanelLocator):
     """Find the panel as the paper does: Otsu, closing, components, blob analysis, convex hull, quadrilateral.
@@ -194,26 +171,36 @@ def no_panels(frames: int, device: torch.device) -> Panels:
 def exact_frames(frames: Images) -> Frames:
     """Return the frames in uint8, or refuse what no locator can read.
 
+    Floating grey values are rounded, and clamped to 0 to 255.
+
     Raises:
-        VoccError: what :func:`quantised` refuses, another shape than (B,1,H,W), a side above 32,768 px, a
-            surround that is not finite, or a crop with a surround that is not on its sensor.
+        VoccError: grey values that are NaN, infinite or of another type, another shape than (B,1,H,W), a side
+            above 32,768 px, a surround that is not finite, or a crop with a surround that is not on its sensor.
 
     Example:
-        >>> exact_frames(Frames.whole(torch.full((1, 2, 2), 9.4))).grey.unique().tolist()
-        [9]
+        >>> exact_frames(Frames.whole(torch.tensor([[-3.0, 99.6, 300.0]]))).grey.flatten().tolist()
+        [0, 100, 255]
     """
     frames = Frames.of(frames)
-    shape = tuple(frames.grey.shape)
+    grey, shape = frames.grey, tuple(frames.grey.shape)
     if len(shape) != 4 or shape[1] != 1:
         raise VoccError(f"frames.grey has shape {shape}: it must be (B,1,H,W)")
     if max(shape[2:]) > LADDER.most_side_px:
-        raise VoccError.of(
-            "frames.grey",
-            f"{shape[2]} x {shape[3]} px",
-            f"at most {LADDER.most_side_px} px a side",
-        )
-    exact = replace(frames, grey=quantised(frames.grey), colour=None)
-    if frames.grey.is_cpu:
+        size = f"{shape[2]} x {shape[3]} px"
+        rule = f"at most {LADDER.most_side_px} px a side"
+        raise VoccError.of("frames.grey", size, rule)
+    if grey.dtype != torch.uint8:
+        if not grey.is_floating_point():
+            raise VoccError(
+                f"frames.grey is {grey.dtype}: it must be torch.uint8 or floating"
+            )
+        if not bool(grey.isfinite().all()):
+            raise VoccError(
+                "frames.grey holds NaN or infinity: it must be grey values, 0 to 255"
+            )
+        grey = grey.round().clamp(0, 255).to(torch.uint8)
+    exact = replace(frames, grey=grey, colour=None)
+    if grey.is_cpu:
         demand_on_sensor(exact)
     return exact
 
@@ -332,8 +319,9 @@ def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Panels:
                 shape,
                 search,
             )
-            pitch = float(measures.pitch_px[_best(measures.score)])
-            best = _best(measures.score.where(measures.within, 0.0))
+            # NumPy gives the first of equal scores.
+            pitch = float(measures.pitch_px[measures.score.numpy().argmax()])
+            best = int(measures.score.where(measures.within, 0.0).numpy().argmax())
             now = float(measures.score[best]) * bool(measures.within[best])
             now_px = blobs[best].mask_px
             x, y = (place >> level for place in first_px)
@@ -352,11 +340,6 @@ def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Panels:
         if not parted and search.closing_px << level >= pitches * pitch:
             return panel
         coarse, level = components.halve_mask(coarse), level + 1
-
-
-def _best(score: Tensor) -> int:
-    """Return the index of the highest score (M,), the first of equals."""
-    return int(score.numpy().argmax())
 
 
 def is_single(mask: Tensor) -> Tensor:
