@@ -58,12 +58,12 @@ def fit_lattice(
         tell where there is no lattice to fit.
     """
     active = torch.arange(len(frames), device=start.blur.device)
-    best, own = start[active], start[active]
+    best, current = start[active], start[active]
     for number in range(FIT.steps):
         # One frame goes twice: products of one matrix may be summed otherwise than those of several, and a
         # fit of what is no lattice can go either way.
         twice = active.new_zeros(2) if len(active) == 1 else slice(None)
-        before, after, unsettled = _improved(frames, own[twice], number, face_light)
+        before, after, unsettled = _improved(frames, current[twice], number, face_light)
         before, unsettled = before[: len(active)], unsettled[: len(active)]
         better = (
             before.rms_dn < best.rms_dn[active]
@@ -75,7 +75,7 @@ def fit_lattice(
         if not len(rows):
             break
         frames = frames[rows] if len(rows) < len(frames) else frames
-        active, own = active[rows], after[rows]
+        active, current = active[rows], after[rows]
     return best
 
 

@@ -165,8 +165,8 @@ class Model(NamedTuple):
         """Predict pictures that are resampled about the lattices."""
         sides = zip(lattice.shape.sides, lattice.blur.flip(1).unbind(1), strict=True)
         rows, columns = (Profiles.of(*side) for side in sides)
-        both = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
-        parts = rows.spots[:, None] @ both @ columns.spots[:, None].mT
+        lit = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
+        parts = rows.spots[:, None] @ lit @ columns.spots[:, None].mT
         box = rows.face[:, :, None] * columns.face[:, None]
         background, face = (
             light.to(grey.dtype)[:, None, None]
@@ -183,9 +183,9 @@ class Model(NamedTuple):
 
         Cauchy's weights, of which a squared difference loses half at three mean absolute ones.
         """
-        rest = (self.grey - self.predicted).abs()
-        scale = PATCH.outlier * rest.mean((1, 2), keepdim=True) + 1.0
-        return 1 / (1 + (rest / scale) ** 2)
+        misfit = (self.grey - self.predicted).abs()
+        scale = PATCH.outlier * misfit.mean((1, 2), keepdim=True) + 1.0
+        return 1 / (1 + (misfit / scale) ** 2)
 
     def scored(self, trust: Tensor) -> Lattice:
         """Return the lattice with its ``rms_dn`` and shares; ``trust`` (B,H,W) weighs the pixels."""
@@ -246,7 +246,7 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
     halves = (basis @ basis.mT)[:, row, column] * torch.where(row == column, 1.0, 2.0)
     projectors = halves.mT.float().contiguous()
     upper = row * spots.shape[1] + column
-    return tuple(one.to(device) for one in (pitch, shift, projectors, upper))
+    return tuple(part.to(device) for part in (pitch, shift, projectors, upper))
 
 
 def search_lattice(
@@ -293,10 +293,10 @@ def search_lattice(
     ]
     # Energy by pitch along the rows, pitch down the columns and blur.
     pitches = torch.arange(SEARCH.pitches, device=light.device)
-    both = bests[0].values[:, :, None] + bests[1].values[:, None]
+    energy = bests[0].values[:, :, None] + bests[1].values[:, None]
     apart = (pitches[:, None] - pitches).abs() > SEARCH.most_apart
-    chosen = both.masked_fill(apart[..., None], -torch.inf).flatten(1).argmax(1)
-    *axis_pitches, blur = torch.unravel_index(chosen, both.shape[1:])
+    chosen = energy.masked_fill(apart[..., None], -torch.inf).flatten(1).argmax(1)
+    *axis_pitches, blur = torch.unravel_index(chosen, energy.shape[1:])
     frame = torch.arange(len(light), device=light.device)
     shifts = [
         best.indices[frame, pitch, blur]

@@ -368,8 +368,8 @@ def is_single(mask: Tensor) -> Tensor:
         touched.scatter_(2, (number * beside).long(), True)
         alone.append(runs - touched[..., 1:].sum(2))
     up, down = alone
-    rest = up.flip(1).cumsum(1).flip(1) - up + down.cumsum(1) - down
-    plain[rows] = ((runs == 1) & (rest == 0)).any(1)
+    others = up.flip(1).cumsum(1).flip(1) - up + down.cumsum(1) - down
+    plain[rows] = ((runs == 1) & (others == 0)).any(1)
     return plain
 
 

@@ -156,9 +156,11 @@ class RefinedLocator(PanelLocator):
 
     def _in_whole(self, frames: Frames, shape: PanelShape) -> Panels:
         """Find panels in whole frames: the detector's likeliest or else the paper's, fitted."""
-        seen = DetectorLocator(false_alarms=math.inf)(frames, shape)
-        likely = seen.score > REFINED.least_probability
-        panels = Panels(seen.corners_px, likely, seen.score, seen.candidates)
+        detected = DetectorLocator(false_alarms=math.inf)(frames, shape)
+        likely = detected.score > REFINED.least_probability
+        panels = Panels(
+            detected.corners_px, likely, detected.score, detected.candidates
+        )
         self._left_to_paper(panels, frames, shape)
         for row in panels.found.nonzero():
             corners_px = panels.corners_px[row[0]]
