@@ -75,7 +75,8 @@ class FLDA(torch.nn.Module):
 
     @property
     def statistics(self) -> ClassScatter:
-        """The sufficient statistics of all samples, whatever dtypes were loaded."""
+        """The sufficient statistics of all samples."""
+        # A state that was loaded may have other dtypes.
         return ClassScatter(
             self.count.long(), self.mean.double(), self.scatter.double()
         )
