@@ -29,7 +29,7 @@ from vocc_torch.measure.plan import World
 from vocc_torch.measure.timing import describe_machine, interleaved, median_of
 from vocc_torch.plugins import one_line
 from vocc_torch.receiver.deciders import bank_of
-from vocc_torch.receiver.features import cell_means, led_features
+from vocc_torch.receiver.features import led_measures
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PaperLocator
 from vocc_torch.receiver.reader import Reader
@@ -330,8 +330,8 @@ def compiled(settings: Settings) -> Iterator[Row]:
     needed = ("agr", "gri", "ngr")
 
     def features(patches: torch.Tensor) -> torch.Tensor:
-        means = cell_means(patches, SHAPE)
-        return led_features(patches, means, SHAPE, *sizes, "sobel", needed)
+        measures = led_measures(patches, SHAPE, *sizes, "sobel", needed)
+        return torch.stack([measures[name] for name in needed], dim=-1)
 
     graph: Callable[[torch.Tensor], torch.Tensor] = torch.compile(
         features, backend=settings.backend

@@ -12,7 +12,7 @@ from leak_watch import LITTLE, ONE, SHIPPED, Watch, digest
 from run_files import rows_of
 
 from vocc_torch.measure.config import Experiment
-from vocc_torch.receiver.classifiers.adapters import TorchClassifier
+from vocc_torch.receiver.classifiers import TorchClassifier
 from vocc_torch.receiver.classifiers.training import TrainingRecipe
 from vocc_torch.rng import BlockKey
 

@@ -149,7 +149,7 @@ def test_a_file_that_is_admitted_gives_what_it_defines_and_not_what_it_imports(
 
 @pytest.mark.parametrize(
     "name",
-    ["Guarded", "TorchClassifier", "SklearnClassifier", "adapters.scaled", "rules"],
+    ["Guarded", "TorchClassifier", "SklearnClassifier", "estimators.scaled", "rules"],
 )
 def test_of_the_package_only_classifiers_are_built(forged, name):
     target = f"vocc_torch.receiver.classifiers.{name}"

@@ -158,51 +158,33 @@ FAMILIES: tuple[Callable[[np.random.Generator], tuple[Array, Bits]], ...] = (
 )
 
 
-@dataclass(frozen=True)
-class Draw:
-    """How far float64 is off for one training set.
+def float64_error(x: Array, on: Bits) -> tuple[float, float]:
+    """Compare the discriminant of a training set with the exact one.
 
-    Args:
-        family: how it was drawn.
-        features: F.
-        condition: of the scaled within-class covariance.
-        offset: greatest distance of the classes' midpoint from 0 in a feature, in its standard deviations.
-        direction_error: relative, as :meth:`Exact.errors`.
-        threshold_error: relative, likewise.
-        warned: whether the discriminant said that the set does not determine it.
+    Returns:
+        The greater relative error of direction and threshold, as :meth:`Exact.errors`, or 0 where the
+        discriminant says that the set does not determine it. And what amplifies the machine epsilon: the
+        condition number, times the greatest distance of the classes' midpoint from 0 in a feature's standard
+        deviations where that is above 1.
     """
-
-    family: str
-    features: int
-    condition: float
-    offset: float
-    direction_error: float
-    threshold_error: float
-    warned: bool
-
-    @classmethod
-    def of(cls, family: str, x: Array, on: Bits) -> Draw:
-        """Compare the discriminant with the exact one."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", FLDAWarning)
-            rule = discriminant(torch.from_numpy(x), torch.from_numpy(on))
-        exact = Exact.of(x, on)
-        offset = max(
-            float(abs(m / s)) for m, s in zip(exact.midpoint, exact.scale, strict=True)
-        )
-        errors = exact.errors(rule.direction.numpy(), float(rule.threshold))
-        return cls(
-            family, x.shape[1], condition_number(x, on), offset, *errors, bool(caught)
-        )
-
-    @property
-    def reach(self) -> float:
-        """Condition number, times the offset where that is above 1: what amplifies the machine epsilon."""
-        return self.condition * max(1.0, self.offset)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", FLDAWarning)
+        rule = discriminant(torch.from_numpy(x), torch.from_numpy(on))
+    exact = Exact.of(x, on)
+    pairs = zip(exact.midpoint, exact.scale, strict=True)
+    offset = max(float(abs(middle / scale)) for middle, scale in pairs)
+    errors = exact.errors(rule.direction.numpy(), float(rule.threshold))
+    reach = condition_number(x, on) * max(1.0, offset)
+    return 0.0 if caught else max(errors), reach
 
 
-def draws(count: int, seed: int) -> list[Draw]:
-    """Draw training sets of every family in turn, and compare."""
+def clouds(
+    seed: int, samples: int = 200, features: int = 3
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Draw two overlapping clouds of correlated features, on a grid that float64 resolves at 1e8; their bits."""
     rng = np.random.default_rng(seed)
-    turns = (FAMILIES[place % len(FAMILIES)] for place in range(count))
-    return [Draw.of(family.__name__, *family(rng)) for family in turns]
+    bits = rng.random(samples) < 0.4
+    bits[:4] = False, True, False, True
+    mix = np.eye(features) + rng.uniform(-0.5, 0.5, (features, features)) / features
+    x = rng.normal(size=(samples, features)) @ mix + 1.5 * bits[:, None]
+    return torch.from_numpy(np.round(x * 2**20) / 2**20), torch.from_numpy(bits)

@@ -1,5 +1,4 @@
 import dataclasses
-import json
 
 import pytest
 import torch
@@ -44,27 +43,18 @@ def test_a_saved_receiver_keeps_its_locator(locator, tmp_path):
     assert torch.equal(first.scores, second.scores)
 
 
-def test_the_model_file_names_the_refined_locator(tmp_path):
-    fitted(RefinedLocator()).save(tmp_path / "receiver.pt")
-    written = json.loads((tmp_path / "receiver.pt").read_bytes())["settings"]["locator"]
+def test_a_locator_in_a_file_has_a_name_or_is_the_papers(tmp_path):
+    path = tmp_path / "receiver.pt"
+    fitted(RefinedLocator()).save(path)
+    settings, state = read_model(path)
+    written = settings["locator"]
     assert (written["name"], written["paper"]["closing_px"]) == ("refined", 11)
-
-
-def test_files_without_a_name_hold_the_papers_locator(tmp_path):
-    fitted(RefinedLocator()).save(tmp_path / "receiver.pt")
-    settings, state = read_model(tmp_path / "receiver.pt")
-    settings["locator"] = dataclasses.asdict(PaperLocator(closing_px=9))
-    write_model(tmp_path / "receiver.pt", settings, state)
-    assert Receiver.load(tmp_path / "receiver.pt").locator == PaperLocator(closing_px=9)
-
-
-def test_an_unknown_locator_in_a_file_is_refused(tmp_path):
-    fitted(RefinedLocator()).save(tmp_path / "receiver.pt")
-    settings, state = read_model(tmp_path / "receiver.pt")
-    settings["locator"] = {"name": "oracle"}
-    write_model(tmp_path / "receiver.pt", settings, state)
+    unnamed = dataclasses.asdict(PaperLocator(closing_px=9))
+    write_model(path, {**settings, "locator": unnamed}, state)
+    assert Receiver.load(path).locator == PaperLocator(closing_px=9)
+    write_model(path, {**settings, "locator": {"name": "oracle"}}, state)
     with pytest.raises(VoccError, match=r"is damaged \(its locator is 'oracle'"):
-        Receiver.load(tmp_path / "receiver.pt")
+        Receiver.load(path)
 
 
 def test_an_unknown_name_is_refused():

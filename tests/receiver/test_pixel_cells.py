@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from vocc_torch.receiver.features import FEATURE_NAMES
 from vocc_torch.receiver.pixel_cells import read_pixels
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.types import Frames, Panels, PanelShape
@@ -57,10 +58,12 @@ def seen():
 def test_every_number_is_that_of_a_loop_over_pixels(seen):
     frames, corners = seen
     found = read_pixels(frames, corners, SHAPE, SHARE, "central")
+    features = torch.stack([found[name] for name in FEATURE_NAMES], dim=-1)
+    ours = features, found["average"], found["centre"]
     for at in range(2):
         grey = frames.grey[at, 0].double().numpy()
-        for ours, theirs in zip(found, looped(grey, corners[at].numpy()), strict=True):
-            np.testing.assert_allclose(ours[at].numpy(), theirs, atol=1e-6)
+        for value, theirs in zip(ours, looped(grey, corners[at].numpy()), strict=True):
+            np.testing.assert_allclose(value[at].numpy(), theirs, atol=1e-6)
 
 
 def test_a_frame_reads_alike_in_every_batch_and_crop(seen):

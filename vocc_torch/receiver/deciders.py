@@ -88,10 +88,6 @@ class FldaDecider:
         """Copy it to a device."""
         return FldaDecider(self.name, copy.deepcopy(self.classifier).to(device))
 
-    def model(self) -> tuple[dict[str, Any], dict[str, Tensor]]:
-        """What a model file keeps of it: settings and arrays."""
-        return {}, self.classifier.state_dict()
-
 
 @dataclass(frozen=True)
 class GreyDecider:
@@ -156,7 +152,7 @@ def bank_of(
         if name in FLDA_FEATURES:
             bank[name] = FldaDecider(name, flda.select(feature_indices(name)))
         else:
-            bank[name] = learned[name] if name in learned else GreyDecider(name)
+            bank[name] = learned.get(name) or GreyDecider(name)
     return bank
 
 
@@ -225,13 +221,26 @@ def decider_of(name: str, classifier: FLDA | Guarded) -> FldaDecider | Guarded:
     return classifier
 
 
+def model_of(
+    decider: FldaDecider | Guarded,
+) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """Take what a model file keeps of a classifier, settings and arrays; FLDA has no settings.
+
+    Raises:
+        VoccError: as :func:`plugged.model_of`.
+    """
+    if isinstance(decider, FldaDecider):
+        return {}, decider.classifier.state_dict()
+    return plugged.model_of(decider)
+
+
 def classifier_from(
     name: str,
     settings: Mapping[str, Any] | None,
     arrays: Mapping[str, Tensor],
     plug_ins: Sequence[str] = (),
 ) -> FLDA | Guarded:
-    """Build the classifier from what its decider's ``model`` gave; FLDA has no settings.
+    """Build the classifier from what :func:`model_of` gave.
 
     Raises:
         VoccError: statistics that are not finite, or as :func:`plugged.loaded`.

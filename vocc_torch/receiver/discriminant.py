@@ -382,9 +382,9 @@ def discriminant(features: Tensor, bits: Tensor) -> Discriminant:
         raise VoccError.of(
             "features", shown(features), "a tensor of shape (samples, features)"
         )
-    seen = ClassScatter.of(features, bits, features.shape[1]).checked()
-    seen.demand_both()
-    rule, complaint = Discriminant.of(seen)
+    scatter = ClassScatter.of(features, bits, features.shape[1]).checked()
+    scatter.demand_both()
+    rule, complaint = Discriminant.of(scatter)
     if complaint:
         warnings.warn(f"discriminant: {complaint}", FLDAWarning, stacklevel=2)
     return rule

@@ -47,6 +47,11 @@ class FalseAlarms:
     floors: tuple[float, ...]
     scale: float
 
+    @property
+    def leds(self) -> int:
+        """LEDs of the panel that was searched for."""
+        return self.rows * self.columns
+
     def expected(self, score: Tensor) -> Tensor:
         """False alarms that a panel-free frame gives at these scores or better; below the first floor 1."""
         at = score.detach().cpu().double().numpy()
@@ -89,23 +94,20 @@ def calibrated(
     rows = [
         row
         for row in read_table(path)
-        if row.locator == locator and row.rows * row.columns <= shape.leds
+        if row.locator == locator and row.leds <= shape.leds
     ]
-    return max(rows, key=lambda one: one.rows * one.columns) if rows else None
+    return max(rows, key=lambda row: row.leds, default=None)
 
 
-def demand_stated(locator: str, shape: PanelShape) -> FalseAlarms:
-    """Give what :func:`calibrated` gives.
+def demand_stated(locator: str, shape: PanelShape) -> None:
+    """Refuse a panel of which :func:`calibrated` has no row: no false alarms can be stated.
 
     Raises:
-        VoccError: there is none: of such a panel no false alarms can be stated.
+        VoccError: there is none.
     """
-    if found := calibrated(locator, shape):
-        return found
-    least = min(
-        (row.rows * row.columns for row in read_table() if row.locator == locator),
-        default=0,
-    )
-    rule = f"of at least {least} LEDs for receiver.locator={locator}, which states no false alarms of fewer"
-    rule += ": receiver.locator=refined states none, and reads any"
-    raise VoccError.of("panel", f"{shape.rows} x {shape.columns}", rule)
+    if calibrated(locator, shape) is None:
+        leds = [row.leds for row in read_table() if row.locator == locator]
+        least = min(leds, default=0)
+        rule = f"of at least {least} LEDs for receiver.locator={locator}, which states no false alarms of fewer"
+        rule += ": receiver.locator=refined states none, and reads any"
+        raise VoccError.of("panel", f"{shape.rows} x {shape.columns}", rule)

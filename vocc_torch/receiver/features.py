@@ -216,45 +216,40 @@ def gradient_radial_inwardness(
     return (towards * per_pixel.to(patches.dtype).view(-1, 2, 1, 1)).sum(dim=1)
 
 
-def led_features(
+def led_measures(
     patches: Tensor,
-    means: Tensor | None,
     shape: PanelShape,
     cell_width_px: Tensor,
     cell_height_px: Tensor,
     kernel: Gradient,
     needed: Collection[str],
-) -> Tensor:
-    """Features of each LED, in the order of ``FEATURE_NAMES``; features that are not needed are zero.
+) -> dict[str, Tensor]:
+    """Measure each LED of rectified panels: features and mean grey value, (B,R,C) each.
 
     Args:
         patches: see :func:`gradient_radial_inwardness`; grey values, as rectified.
-        means: what :func:`cell_means` gave of the patches. None will do for GRI alone.
         shape: rows and columns.
         cell_width_px: see :func:`gradient_radial_inwardness`.
         cell_height_px: likewise.
         kernel: see :func:`image_gradient`.
-        needed: some of ``FEATURE_NAMES``.
-
-    Returns:
-        (B,R,C,3) AGR, GRI and NGR.
+        needed: some of ``FEATURE_NAMES`` and ``average``; more may be measured.
 
     Example:
         >>> patches, size = torch.full((1, 1, 6, 6), 7.0), torch.tensor([3.0])
-        >>> means = cell_means(patches, PanelShape(1, 1))
-        >>> led_features(patches, means, PanelShape(1, 1), size, size, "sobel", ["agr", "ngr"]).tolist()
-        [[[[1.0, 0.0, 1.0]]]]
+        >>> measures = led_measures(patches, PanelShape(1, 1), size, size, "sobel", ["agr"])
+        >>> {name: value.item() for name, value in measures.items()}
+        {'agr': 1.0, 'ngr': 1.0, 'average': 7.0}
     """
-    agr = gri = ngr = patches.new_zeros(patches.shape[0], shape.rows, shape.columns)
+    measures = {}
     if "gri" in needed:
-        gri = gradient_radial_inwardness(
+        measures["gri"] = gradient_radial_inwardness(
             patches, shape, cell_width_px, cell_height_px, kernel
         )
-    if means is not None:
-        levels, around = level_ratios(means).unbind(1)
-        agr = levels if "agr" in needed else agr
-        ngr = around if "ngr" in needed else ngr
-    return torch.stack([agr, gri, ngr], dim=-1)
+    if {*needed} - {"gri"}:
+        means = cell_means(patches, shape)
+        measures["agr"], measures["ngr"] = level_ratios(means).unbind(1)
+        measures["average"] = means[:, 1:-1, 1:-1]
+    return measures
 
 
 def preamble_threshold(on_greys: Tensor, off_greys: Tensor) -> Tensor:

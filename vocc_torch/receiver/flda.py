@@ -16,9 +16,6 @@ from vocc_torch.receiver.discriminant import (
 from vocc_torch.receiver.discriminant import FLDAWarning as FLDAWarning
 from vocc_torch.types import are_finite
 
-_PARTS = ("count", "mean", "scatter")
-"""The statistics' buffers, in the order of the fields of :class:`ClassScatter`."""
-
 
 class FLDA(torch.nn.Module):
     """Fisher's linear discriminant of two classes of feature vectors, Off and On (Eqs. 10 to 19).
@@ -66,7 +63,7 @@ class FLDA(torch.nn.Module):
                 f"n_features is {n_features}: it must be a whole number of at least 1"
             )
         start = ClassScatter.empty(n_features)
-        for name in _PARTS:
+        for name in start.__dataclass_fields__:
             self.register_buffer(name, getattr(start, name))
         self._solution: Discriminant | None = None
         self._complaint = ""
@@ -79,7 +76,10 @@ class FLDA(torch.nn.Module):
     @property
     def statistics(self) -> ClassScatter:
         """The sufficient statistics of all samples."""
-        return ClassScatter(*(getattr(self, name) for name in _PARTS))
+        # A state that was loaded may have other dtypes.
+        return ClassScatter(
+            self.count.long(), self.mean.double(), self.scatter.double()
+        )
 
     @property
     def rule(self) -> Discriminant:
@@ -211,7 +211,7 @@ class FLDA(torch.nn.Module):
         """Take over statistics as new tensors on this module's device; those handed out never change."""
         with torch.inference_mode(False):
             here = seen.to(self.mean.device).each(lambda part: part.detach().clone())
-        for name in _PARTS:
+        for name in here.__dataclass_fields__:
             setattr(self, name, getattr(here, name))
         self._solution = None
         if bool((self.count > 0).all()):
@@ -259,6 +259,4 @@ class FLDA(torch.nn.Module):
     ) -> None:
         """Take over statistics, in their dtypes."""
         super()._load_from_state_dict(state, prefix, *rest)
-        self.count, self.mean = self.count.long(), self.mean.double()
-        self.scatter = self.scatter.double()
         self._store(self.statistics)

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import VoccError
+from vocc_torch.receiver.components import row_ends
 from vocc_torch.types import Frames
 
 _LEVELS = 256
@@ -27,18 +28,6 @@ class ForegroundSettings:
 
 
 SETTINGS = ForegroundSettings()
-
-
-def extents(lit: Tensor) -> tuple[Tensor, Tensor]:
-    """Find the first True of each row (B,N) and the length up to the last True, 0 for a row without True.
-
-    Example:
-        >>> extents(torch.tensor([[0, 1, 0, 1, 0], [0, 0, 0, 0, 0]]).bool())
-        (tensor([1, 0]), tensor([3, 0]))
-    """
-    values = lit.byte()
-    first, beyond = values.argmax(1), values.flip(1).argmax(1)
-    return first, (lit.shape[1] - beyond - first) * values.amax(1)
 
 
 def trimmed(frames: Frames) -> Frames:
@@ -70,14 +59,17 @@ def trimmed(frames: Frames) -> Frames:
         return frames
     words = planes.view(np.uint64)
     uneven = words != words[:, :1, :1]
-    (top, high), (left, wide) = (
-        extents(torch.from_numpy(uneven.any(axis))) for axis in (2, 1)
+    (top, bottom), (left, right) = (
+        row_ends(torch.from_numpy(uneven.any(axis))) for axis in (2, 1)
     )
-    across, down = max(1, int(wide.max())), max(1, int(high.max()))
+    across, down = (
+        max(1, int((last - first).max()) + 1)
+        for first, last in ((left, right), (top, bottom))
+    )
     if 2 * across > words.shape[2]:
         return frames
-    left = left.clamp(max=words.shape[2] - across) * SETTINGS.word_px
-    top = top.clamp(max=height - down)
+    left = left.long().clamp(max=words.shape[2] - across) * SETTINGS.word_px
+    top = top.long().clamp(max=height - down)
     parts = [
         plane[None, y : y + down, x : x + across * SETTINGS.word_px]
         for plane, x, y in zip(planes, left.tolist(), top.tolist(), strict=True)

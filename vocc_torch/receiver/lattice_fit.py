@@ -6,10 +6,9 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from vocc_torch.receiver import lattice_model, resample
-from vocc_torch.receiver.lattice_model import PATCH, Lattice, Model
+from vocc_torch.receiver.lattice_model import PATCH, Lattice, Model, read_patches
 from vocc_torch.receiver.levels import GAMMA, grey_values, linear_light, two_levels
-from vocc_torch.receiver.resample import corner_cells, sample_cells
+from vocc_torch.receiver.resample import corner_cells, map_points, sample_cells
 from vocc_torch.types import Frames, PanelShape
 
 
@@ -59,12 +58,12 @@ def fit_lattice(
         tell where there is no lattice to fit.
     """
     active = torch.arange(len(frames), device=start.blur.device)
-    best, own = start[active], start[active]
+    best, current = start[active], start[active]
     for number in range(FIT.steps):
         # One frame goes twice: products of one matrix may be summed otherwise than those of several, and a
         # fit of what is no lattice can go either way.
         twice = active.new_zeros(2) if len(active) == 1 else slice(None)
-        before, after, unsettled = _improved(frames, own[twice], number, face_light)
+        before, after, unsettled = _improved(frames, current[twice], number, face_light)
         before, unsettled = before[: len(active)], unsettled[: len(active)]
         better = (
             before.rms_dn < best.rms_dn[active]
@@ -76,14 +75,14 @@ def fit_lattice(
         if not len(rows):
             break
         frames = frames[rows] if len(rows) < len(frames) else frames
-        active, own = active[rows], after[rows]
+        active, current = active[rows], after[rows]
     return best
 
 
 def _read(frames: Frames, lattice: Lattice) -> Tensor:
     """Read the frames around the lattices; one that goes twice is read once."""
     corners = lattice.corners_px[: len(frames)]
-    read = lattice_model.read_patches(frames, corners, lattice.shape, PATCH.margin)
+    read = read_patches(frames, corners, lattice.shape, PATCH.margin)
     return read.expand(len(lattice.blur), -1, -1)
 
 
@@ -96,69 +95,70 @@ def _improved(
         lattice.background, number < FIT.least_steps, dtype=torch.bool
     )
     if number < FIT.free_steps:
-        light = linear_light(model.grey) - model.base
-        bits, found = _two_levels(_amplitudes(light, model))
+        bits, found = _two_levels(_amplitudes(model))
         levels = lattice.levels if number else found.double()
-        lattice = replace(lattice, bits=bits, levels=levels)
-        model = Model.of(model.grey, lattice)
+        model = Model.of(model.grey, replace(lattice, bits=bits, levels=levels))
     else:
-        lattice, turned = _with_turned_bits(model, lattice)
-        if bool(turned.any()):
-            unsettled |= turned
-            model = Model.of(model.grey, lattice)
+        turned = _turned_bits(model)
+        is_turned = turned.flatten(1).any(1)
+        if bool(is_turned.any()):
+            unsettled |= is_turned
+            bits = lattice.bits ^ turned
+            model = Model.of(model.grey, replace(lattice, bits=bits))
     trust = model.trust()
-    before = model.scored(lattice, trust)
-    # A Gauss-Newton step, damped by what is expected of each value.
-    predicted = model.predicted
-    slope = predicted / (GAMMA * model.light.clamp(min=FIT.least_light))
+    step = _step(model, trust, face_light)
+    greatest = step[:, :8].abs().amax(1)
+    step = step * (FIT.most_cells / greatest.clamp(min=FIT.most_cells))[:, None]
+    moved = _moved(model.lattice, step)
+    return model.scored(trust), moved, unsettled | (greatest >= FIT.still_cells)
+
+
+def _step(model: Model, trust: Tensor, face_light: float) -> Tensor:
+    """Solve for a Gauss-Newton step (B,14), damped by what is expected of each value."""
+    slope = model.predicted / (GAMMA * model.light.clamp(min=FIT.least_light))
     slope = torch.where(model.light < 1, slope, 0.0).flatten(1)
     root = trust.sqrt().flatten(1)
-    rest = (model.grey - predicted).flatten(1) * root
-    jacobian = _changes(model, lattice) * (slope * root)[:, None]
-    variance = (rest.square().mean(1) + PATCH.rounding_dn**2).double()[:, None]
+    residual = (model.grey - model.predicted).flatten(1) * root
+    jacobian = _changes(model) * (slope * root)[:, None]
+    variance = (residual.square().mean(1) + PATCH.rounding_dn**2).double()[:, None]
     curvature = (jacobian @ jacobian.mT).double() / variance[..., None]
     spreads = (*FIT.corners_cells, *FIT.others, face_light)
     expected = torch.tensor(spreads, dtype=torch.float64)
     curvature += torch.diag(expected**-2).to(curvature.device)
-    slopes = (jacobian @ rest[..., None])[..., 0].double() / variance
-    step = torch.linalg.solve(curvature, slopes)
-    greatest = step[:, :8].abs().amax(1)
-    step = step * (FIT.most_cells / greatest.clamp(min=FIT.most_cells))[:, None]
+    slopes = (jacobian @ residual[..., None])[..., 0].double() / variance
+    step: Tensor = torch.linalg.solve(curvature, slopes)
+    return step
+
+
+def _moved(lattice: Lattice, step: Tensor) -> Lattice:
+    """Move lattices by steps (B,14), within the limits."""
+    *corner, blur, levels, background, face = torch.split(step, [4, 4, 2, 2, 1, 1], 1)
     cells, fields = _fields(lattice.shape, step.device)
-    moves = (step[:, :8].unflatten(1, (2, 4)) @ fields).mT
-    corners_px = resample.map_points(lattice.corners_px, cells + moves, lattice.shape)
-    blur, levels = (
-        (lattice.blur + step[:, 8:10]).clamp(*FIT.blur_cells),
-        lattice.levels + step[:, 10:12],
-    )
-    background = (lattice.background + step[:, 12]).clamp(0, 1)
-    face = (lattice.face + step[:, 13]).clamp(
-        -background, FIT.whitest_face * background
-    )
-    after = replace(
+    moves = (torch.stack(corner, 1) @ fields).mT
+    background = (lattice.background + background[:, 0]).clamp(0, 1)
+    face = lattice.face + face[:, 0]
+    return replace(
         lattice,
-        corners_px=corners_px,
-        blur=blur,
-        levels=levels,
+        corners_px=map_points(lattice.corners_px, cells + moves, lattice.shape),
+        blur=(lattice.blur + blur).clamp(*FIT.blur_cells),
+        levels=lattice.levels + levels,
         background=background,
-        face=face,
+        face=face.clamp(-background, FIT.whitest_face * background),
     )
-    return before, after, unsettled | (greatest >= FIT.still_cells)
 
 
-def _changes(model: Model, lattice: Lattice) -> Tensor:
+def _changes(model: Model) -> Tensor:
     """Return the light's derivatives (B,14,H*W) by corner fields, blur, levels, background and face.
 
     A corner field moves the light at each sample along the light's own slope.
     """
-    amplitude, box = lattice.amplitudes(), model.box[:, None]
+    amplitude, box = model.lattice.amplitudes(), model.box[:, None]
     down, across = torch.gradient(model.light, spacing=1 / PATCH.samples, dim=(1, 2))
     v, u = (
         sample_cells(leds, PATCH.samples, PATCH.margin).to(amplitude) / leds * 2 - 1
-        for leds in lattice.shape.sides
+        for leds in model.lattice.shape.sides
     )
-    v, u = torch.meshgrid(v, u, indexing="ij")
-    fields = torch.stack([torch.ones_like(u), u, v, u * v])
+    fields = _bilinear(*torch.meshgrid(u, v, indexing="xy"))
     corners = [-slope[:, None] * fields for slope in (across, down)]
     wider = model.rows.spots @ amplitude @ model.columns.by_blur.mT
     taller = model.rows.by_blur @ amplitude @ model.columns.spots.mT
@@ -167,16 +167,21 @@ def _changes(model: Model, lattice: Lattice) -> Tensor:
     return torch.cat(changes, 1).flatten(2)
 
 
+def _bilinear(u: Tensor, v: Tensor) -> Tensor:
+    """Return the fields 1, u, v and uv."""
+    return torch.stack([torch.ones_like(u), u, v, u * v])
+
+
 @lru_cache(maxsize=32)
 @torch.inference_mode(False)
 def _fields(shape: PanelShape, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the corners' cells (4,2), and the fields 1, u, v and uv at them, (4,4)."""
     cells = corner_cells(shape)
     u, v = (2 * cells / cells.amax(0) - 1).unbind(1)
-    return cells.to(device), torch.stack([torch.ones_like(u), u, v, u * v]).to(device)
+    return cells.to(device), _bilinear(u, v).to(device)
 
 
-def _amplitudes(light: Tensor, model: Model) -> Tensor:
+def _amplitudes(model: Model) -> Tensor:
     """Fit an amplitude to each LED, (B,R,C), by least squares; white pixels may be any brighter.
 
     They are taken to be as bright as the fit says, and fitted again (Dempster, Laird and Rubin 1977).
@@ -188,6 +193,7 @@ def _amplitudes(light: Tensor, model: Model) -> Tensor:
         products.diagonal(dim1=1, dim2=2).add_(FIT.ridge)
         inverses.append(torch.linalg.solve(products, value.mT).float())
     down, across = inverses
+    light = linear_light(model.grey) - model.base
     found: Tensor = down @ light @ across.mT
     white = model.grey >= FIT.saturated_dn
     if white.any():
@@ -209,28 +215,25 @@ def _two_levels(amplitude: Tensor) -> tuple[Tensor, Tensor]:
     return amplitude > limits[:, None, None], means
 
 
-def _with_turned_bits(model: Model, lattice: Lattice) -> tuple[Lattice, Tensor]:
-    """Return lattices with bits flipped where that fits the picture better, and which frames (B,) changed."""
+def _turned_bits(model: Model) -> Tensor:
+    """Say which bits (B,R,C) are to be flipped because that fits the picture better."""
+    lattice = model.lattice
     # From the middle of an LED, over its cell and those beside it.
     place = sample_cells(1, PATCH.samples, 1).to(model.grey) - 0.5
     across, down = (
-        torch.exp(-((place / one[:, None]) ** 2) / 2)
-        for one in lattice.blur.float().unbind(1)
+        torch.exp(-((place / blur[:, None]) ** 2) / 2)
+        for blur in lattice.blur.float().unbind(1)
     )
-    levels = lattice.levels.float()
-    change = (
-        torch.where(lattice.bits, -1.0, 1.0)
-        * (levels[:, 1] - levels[:, 0])[:, None, None]
-    )
+    brighter = lattice.levels.float().diff(dim=1)[..., None]
+    change = torch.where(lattice.bits, -1.0, 1.0) * brighter
     spot = change[..., None, None] * (down[:, :, None] * across[:, None])[:, None, None]
     light, grey = _around(model.light), _around(model.grey)
-    rest = (model.predicted - model.grey).square()
-    gain = _around(rest).sum((3, 4))
+    squares = (model.predicted - model.grey).square()
+    gain = _around(squares).sum((3, 4))
     gain = gain - (grey_values(light + spot) - grey).square().sum((3, 4))
     # Neighbours share their light: of them only the one that gains most is turned.
     best = gain == torch.nn.functional.max_pool2d(gain, 3, 1, 1)
-    turned = best & (gain > rest.mean((1, 2)).clamp(min=1.0)[:, None, None])
-    return replace(lattice, bits=lattice.bits ^ turned), turned.flatten(1).any(1)
+    return best & (gain > squares.mean((1, 2)).clamp(min=1.0)[:, None, None])
 
 
 def _around(plane: Tensor) -> Tensor:

@@ -140,6 +140,7 @@ class Model(NamedTuple):
 
     Args:
         grey: (B,H,W) float32, the picture as resampled about the lattice, DN.
+        lattice: of B pictures.
         rows: down the columns, with a spot for each row.
         columns: along the rows, with a spot for each column.
         box: (B,H,W) light of a face of 1.
@@ -150,6 +151,7 @@ class Model(NamedTuple):
     """
 
     grey: Tensor
+    lattice: Lattice
     rows: Profiles
     columns: Profiles
     box: Tensor
@@ -163,8 +165,8 @@ class Model(NamedTuple):
         """Predict pictures that are resampled about the lattices."""
         sides = zip(lattice.shape.sides, lattice.blur.flip(1).unbind(1), strict=True)
         rows, columns = (Profiles.of(*side) for side in sides)
-        both = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
-        parts = rows.spots[:, None] @ both @ columns.spots[:, None].mT
+        lit = torch.stack([~lattice.bits, lattice.bits], 1).to(grey.dtype)
+        parts = rows.spots[:, None] @ lit @ columns.spots[:, None].mT
         box = rows.face[:, :, None] * columns.face[:, None]
         background, face = (
             light.to(grey.dtype)[:, None, None]
@@ -173,30 +175,29 @@ class Model(NamedTuple):
         base = background + face * box
         levels = lattice.levels.to(grey.dtype)[:, :, None, None]
         light = base + (parts * levels).sum(1)
-        return cls(grey, rows, columns, box, base, parts, light, grey_values(light))
+        predicted = grey_values(light)
+        return cls(grey, lattice, rows, columns, box, base, parts, light, predicted)
 
     def trust(self) -> Tensor:
         """Weigh pixels (B,H,W): what the lattice cannot explain, such as what hides the panel, counts little.
 
         Cauchy's weights, of which a squared difference loses half at three mean absolute ones.
         """
-        rest = (self.grey - self.predicted).abs()
-        scale = PATCH.outlier * rest.mean((1, 2), keepdim=True) + 1.0
-        return 1 / (1 + (rest / scale) ** 2)
+        misfit = (self.grey - self.predicted).abs()
+        scale = PATCH.outlier * misfit.mean((1, 2), keepdim=True) + 1.0
+        return 1 / (1 + (misfit / scale) ** 2)
 
-    def scored(self, lattice: Lattice, trust: Tensor) -> Lattice:
+    def scored(self, trust: Tensor) -> Lattice:
         """Return the lattice with its ``rms_dn`` and shares; ``trust`` (B,H,W) weighs the pixels."""
-        level = grey_values(lattice.background).to(self.grey.dtype)[:, None, None]
-        rest, spread = (
-            (self.grey - self.predicted).square(),
-            (self.grey - level).square(),
-        )
+        level = grey_values(self.lattice.background).to(self.grey.dtype)[:, None, None]
+        squares = [(self.grey - part).square() for part in (self.predicted, level)]
         weight = trust.sum((1, 2))
-        weighed = [(one * trust).sum((1, 2)) / weight for one in (rest, spread)]
-        both = torch.stack([*weighed, rest.mean((1, 2)), spread.mean((1, 2))]).double()
-        shares = 1 - both[::2] / both[1::2].clamp(min=PATCH.rounding_dn**2)
+        means = [(square * trust).sum((1, 2)) / weight for square in squares]
+        means += [square.mean((1, 2)) for square in squares]
+        left, spread = torch.stack(means).double().view(2, 2, -1).unbind(1)
+        share, share_of_all = 1 - left / spread.clamp(min=PATCH.rounding_dn**2)
         return replace(
-            lattice, rms_dn=both[0].sqrt(), share=shares[0], share_of_all=shares[1]
+            self.lattice, rms_dn=left[0].sqrt(), share=share, share_of_all=share_of_all
         )
 
 
@@ -238,22 +239,14 @@ def _bank(leds: int, most: int, device: torch.device) -> tuple[Tensor, ...]:
         for part in torch.cartesian_prod(pitch, shift, blur).unbind(1)
     )
     centre = leds / 2 + s + p * (sample_cells(leds, 1, 0) - leds / 2)
-    spots = torch.exp(
-        -(
-            (
-                (sample_cells(leds, PATCH.samples, SEARCH.margin)[:, None] - centre)
-                / (g * p)
-            )
-            ** 2
-        )
-        / 2
-    )
+    samples = sample_cells(leds, PATCH.samples, SEARCH.margin)[:, None]
+    spots = torch.exp(-(((samples - centre) / (g * p)) ** 2) / 2)
     basis = torch.linalg.qr(spots)[0]
     row, column = torch.triu_indices(spots.shape[1], spots.shape[1])
     halves = (basis @ basis.mT)[:, row, column] * torch.where(row == column, 1.0, 2.0)
     projectors = halves.mT.float().contiguous()
     upper = row * spots.shape[1] + column
-    return tuple(one.to(device) for one in (pitch, shift, projectors, upper))
+    return tuple(part.to(device) for part in (pitch, shift, projectors, upper))
 
 
 def search_lattice(
@@ -300,10 +293,10 @@ def search_lattice(
     ]
     # Energy by pitch along the rows, pitch down the columns and blur.
     pitches = torch.arange(SEARCH.pitches, device=light.device)
-    both = bests[0].values[:, :, None] + bests[1].values[:, None]
+    energy = bests[0].values[:, :, None] + bests[1].values[:, None]
     apart = (pitches[:, None] - pitches).abs() > SEARCH.most_apart
-    chosen = both.masked_fill(apart[..., None], -torch.inf).flatten(1).argmax(1)
-    *axis_pitches, blur = torch.unravel_index(chosen, both.shape[1:])
+    chosen = energy.masked_fill(apart[..., None], -torch.inf).flatten(1).argmax(1)
+    *axis_pitches, blur = torch.unravel_index(chosen, energy.shape[1:])
     frame = torch.arange(len(light), device=light.device)
     shifts = [
         best.indices[frame, pitch, blur]

@@ -17,20 +17,6 @@ GRAIN = 2.0**24
 """Parts of a grey value to which inwardness is rounded: sums of it are exact in any order of pixels."""
 
 
-class PixelReadings(NamedTuple):
-    """What whole pixels say of each LED.
-
-    Args:
-        features: (B,R,C,3) float64: AGR, GRI and NGR.
-        average: (B,R,C) float64 mean grey of its cell.
-        centre: (B,R,C) float64 grey of the pixel at its cell's rounded centre.
-    """
-
-    features: Tensor
-    average: Tensor
-    centre: Tensor
-
-
 class Axis(NamedTuple):
     """The cells along one axis of the image, a cell of margin at both ends included.
 
@@ -70,8 +56,11 @@ def read_pixels(
     shape: PanelShape,
     disc_share: float,
     gradient: Gradient,
-) -> PixelReadings:
-    """Measure every LED in whole pixels of the box about the LEDs' discs.
+) -> dict[str, Tensor]:
+    """Measure every LED in whole pixels of the box about the LEDs' discs: (B,R,C) float64 by name.
+
+    AGR, GRI and NGR are the features, ``average`` is the mean grey of the LED's cell, and ``centre`` the grey of
+    the pixel at its rounded centre.
 
     The box reaches from the first disc's edge to the last one's, both rounded to whole pixels. Its cells are equal,
     with rounded edges too. The vectors of Eq. 8 point from a pixel's middle to the middle of its cell.
@@ -89,8 +78,9 @@ def read_pixels(
     Example:
         >>> frames = Frames.whole(torch.full((1, 1, 40, 40), 50, dtype=torch.uint8))
         >>> corners = torch.tensor([[[8.0, 8.0], [32.0, 8.0], [32.0, 32.0], [8.0, 32.0]]])
-        >>> read_pixels(frames, corners, PanelShape(4, 4), 0.5, "central").features[0, 0, 0].tolist()
-        [1.0, 0.0, 1.0]
+        >>> measures = read_pixels(frames, corners, PanelShape(4, 4), 0.5, "central")
+        >>> {name: value[0, 0, 0].item() for name, value in measures.items()}
+        {'agr': 1.0, 'gri': 0.0, 'ngr': 1.0, 'average': 50.0, 'centre': 50.0}
     """
     corners = corners_px.double() - frames.origin_px[:, None]
     low, high = corners.amin(1), corners.amax(1)
@@ -118,5 +108,5 @@ def read_pixels(
     )
     gri = means((inward * GRAIN).round() / GRAIN)[:, 1:-1, 1:-1]
     agr, ngr = level_ratios(levels).unbind(1)
-    features = torch.stack([agr, gri, ngr], dim=-1)
-    return PixelReadings(features, levels[:, 1:-1, 1:-1], centre)
+    average = levels[:, 1:-1, 1:-1]
+    return {"agr": agr, "gri": gri, "ngr": ngr, "average": average, "centre": centre}

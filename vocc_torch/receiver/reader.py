@@ -18,9 +18,8 @@ from vocc_torch.plugins import PlugIn, blamed
 from vocc_torch.receiver.features import (
     FEATURE_NAMES,
     Gradient,
-    cell_means,
     checked_greys,
-    led_features,
+    led_measures,
 )
 from vocc_torch.receiver.pixel_cells import read_pixels
 from vocc_torch.receiver.resample import cell_size_px, centre_greys, rectify
@@ -34,8 +33,6 @@ from vocc_torch.types import (
 
 GREYS = ("average", "centre")
 """Grey levels of an LED."""
-MEASURED = (*FEATURE_NAMES, *GREYS)
-"""What can be measured of an LED: the paper's features, its cell's mean grey and its centre pixel's."""
 
 # An eighth of a gigabyte in float32, and a whole one while they are measured.
 _MOST_SAMPLES = 1 << 25
@@ -176,54 +173,44 @@ class Reader:
             frames: B frames.
             panels: where the panel is in each.
             patches: what :meth:`rectify` gave of the frames; None will do where ``centre`` alone is needed.
-            needed: some of ``MEASURED`` and of the features from outside; None for all.
+            needed: some of the features and of ``GREYS``; None for all.
 
         Raises:
             VoccError: what :meth:`read` refuses, or a feature from outside that fails.
         """
-        names = {*MEASURED, *self.names} if needed is None else needed
+        names = {*self.names, *GREYS} if needed is None else {*needed}
         shape, sizes = self.shape, cell_size_px(panels.corners_px, self.shape)
+        measures: dict[str, Tensor] = {}
         with without_autocast(frames.grey.device):
-            count = frames.grey.shape[0]
-            average = centre = sizes[0].new_zeros(count, shape.rows, shape.columns)
-            features = average[..., None].expand(-1, -1, -1, len(FEATURE_NAMES))
             if self.disc_share is not None:
-                share, kernel = self.disc_share, self.gradient
-                features, average, centre = read_pixels(
-                    frames, panels.corners_px, shape, share, kernel
+                measures = read_pixels(
+                    frames, panels.corners_px, shape, self.disc_share, self.gradient
                 )
             else:
                 if "centre" in names:
-                    centre = centre_greys(frames, panels, shape)
+                    measures["centre"] = centre_greys(frames, panels, shape)
                 if patches is not None:
-                    means = None
-                    if {"agr", "ngr", "average"} & {*names}:
-                        means = cell_means(patches, shape)
-                        average = means[:, 1:-1, 1:-1]
-                    features = led_features(
-                        patches, means, shape, *sizes, self.gradient, names
-                    ).double()
+                    measures |= led_measures(
+                        patches, shape, *sizes, self.gradient, names - {"centre"}
+                    )
             patches = frames.grey[..., :0, :0] if patches is None else patches
-            if self.more:
-                others = [
-                    self._outside(plug_in, patches, plug_in.name in names)
-                    for plug_in in self.more
-                ]
-                features = torch.cat([features.double(), *others], dim=-1)
+            for plug_in in self.more:
+                if plug_in.name in names:
+                    measures[plug_in.name] = self._outside(plug_in, patches)
+        none = sizes[0].new_zeros(frames.grey.shape[0], shape.rows, shape.columns)
+        columns = [
+            measures[name] if name in names & measures.keys() else none
+            for name in (*self.names, *GREYS)
+        ]
+        features = torch.stack(columns[: -len(GREYS)], dim=-1).double()
+        greys = Greys(*columns[-len(GREYS) :])
         return Readings(
-            features,
-            Greys(average, centre),
-            patches,
-            torch.stack(sizes, dim=-1),
-            self.names,
+            features, greys, patches, torch.stack(sizes, dim=-1), self.names
         )
 
-    def _outside(self, feature: PlugIn, patches: Tensor, wanted: bool) -> Tensor:
-        """Measure a feature from outside, (B,R,C,1) float64; zeros where it is not wanted."""
-        size = (patches.shape[0], self.shape.rows, self.shape.columns)
-        if not wanted:
-            return patches.new_zeros(*size, 1, dtype=torch.float64)
+    def _outside(self, feature: PlugIn, patches: Tensor) -> Tensor:
+        """Measure a feature from outside, (B,R,C) float64."""
         with blamed(f"feature {feature.name}"):
             values = feature.made(patches, self.shape)
-        said = f"feature {feature.name} gave"
-        return finite_tensor(said, values, size).double().unsqueeze(-1)
+        size = (patches.shape[0], self.shape.rows, self.shape.columns)
+        return finite_tensor(f"feature {feature.name} gave", values, size).double()

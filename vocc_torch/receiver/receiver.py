@@ -16,7 +16,7 @@ from vocc_torch.plugins import PlugIn
 from vocc_torch.receiver.calibration import APPEARANCE, Calibration, Ranges, appearance
 from vocc_torch.receiver.classifiers import Guarded
 from vocc_torch.receiver.classifiers.inputs import demand_features
-from vocc_torch.receiver.deciders import classifier_from, decider_of
+from vocc_torch.receiver.deciders import classifier_from, decider_of, model_of
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
 from vocc_torch.receiver.locators.touching import locate_several
@@ -125,10 +125,7 @@ class Receiver(torch.nn.Module):
         Raises:
             VoccError: another type or shape.
         """
-        with torch.inference_mode():
-            decoded = self.forward(Frames.of(images, "images"))
-        # Copies, for tensors made in inference mode take no part in autograd.
-        return Decoded(*(batch.clone() for batch in decoded))
+        return self._decode(Frames.of(images, "images"))
 
     def decode_several(self, images: Images, most: int) -> tuple[list[int], Decoded]:
         """Read up to ``most`` panels per image. Return the image number of each panel, and what was read.
@@ -146,8 +143,14 @@ class Receiver(torch.nn.Module):
             found = locate_several(self.locator, frames, self.shape, most)
             limit = self.locator.most_false_alarms
             whose, panels = found.panels(len(frames), limit, most)
-            decoded = self.forward(frames[whose], panels)
-        return whose.tolist(), Decoded(*(batch.clone() for batch in decoded))
+        return whose.tolist(), self._decode(frames[whose], panels)
+
+    def _decode(self, frames: Frames, panels: Panels | None = None) -> Decoded:
+        """Read bits without a record for gradients."""
+        with torch.inference_mode():
+            decoded = self.forward(frames, panels)
+        # Copies, for tensors made in inference mode take no part in autograd.
+        return Decoded(*(batch.clone() for batch in decoded))
 
     def forward(self, frames: Images, panels: Panels | None = None) -> Decoded:
         """Read the bits of frames or crops, at ``panels`` if given; score 0 is On (Eq. 18).
@@ -178,7 +181,7 @@ class Receiver(torch.nn.Module):
 
     def get_extra_state(self) -> Settings:
         """Return the state of classifier and calibration for ``state_dict``."""
-        settings, arrays = self.decider.model()
+        settings, arrays = model_of(self.decider)
         return {
             "name": self.name,
             "classifier": settings,
@@ -214,7 +217,7 @@ class Receiver(torch.nn.Module):
         if not Path(path).name:
             raise VoccError.of("path", shown(str(path)), "that of a file")
         demand_folder(path)
-        decider, arrays = self.decider.model()
+        decider, arrays = model_of(self.decider)
         names = self.decider.features
         package = {"version": __version__, "source": package_digest("vocc_torch")}
         settings: Settings = {

@@ -101,8 +101,8 @@ class Track:
         place, shaped = parts(corners - expected)
         off = float(place.norm()) / around.pitch_px(expected)
         self.spread += SETTINGS.spread_learned * (off**2 - self.spread)
-        kept = self.spread / (self.spread + SETTINGS.noise_cells2)
-        corners = expected + kept * place + SETTINGS.shape_kept * shaped
+        gain = self.spread / (self.spread + SETTINGS.noise_cells2)
+        corners = expected + gain * place + SETTINGS.shape_kept * shaped
         evidence = around.odds_of(corners, SLIPS)
         self.slips = (1 - SETTINGS.slip_forgotten) * self.slips + evidence
         slipped = int(self.slips.argmax())
@@ -195,15 +195,15 @@ class Tracker:
         followed = [
             track for track in self.tracks if track.follow(networks, frame, self.shape)
         ]
-        seen = _apart(followed)
+        visible = _apart(followed)
         self.tracks = [
             track
             for track in self.tracks
-            if track in seen or 0 < track.misses <= self.patience
+            if track in visible or 0 < track.misses <= self.patience
         ]
         self._since += 1
-        missed = len(seen) < len(self.tracks) and self._since >= SETTINGS.soon
-        if not seen or self._since >= self.every or missed:
+        missed = len(visible) < len(self.tracks) and self._since >= SETTINGS.soon
+        if not visible or self._since >= self.every or missed:
             self._since, self.searches = 0, self.searches + 1
             met = [self._met(frame, *found) for found in self._found(frame)]
             for track in self.tracks:
@@ -211,8 +211,10 @@ class Tracker:
             self.tracks = [
                 track for track in self.tracks if track.doubts <= SETTINGS.most_doubts
             ]
-            seen = [track for track in self.tracks if track in seen or track in met]
-        return sorted(seen, key=lambda track: track.number)
+            visible = [
+                track for track in self.tracks if track in visible or track in met
+            ]
+        return sorted(visible, key=lambda track: track.number)
 
     def panels(
         self, greys: Tensor, most: int = 1, passed: Sequence[int] = ()

@@ -158,4 +158,4 @@ class LocatorCase(PartCase):
         """Pickled and read back it is the same, and its name in results is a word."""
         locator = pickle.loads(pickle.dumps(self.locator()))
         assert locator == self.locator()
-        assert locator.label.isidentifier()
+        assert locator.name.isidentifier()

@@ -1,10 +1,11 @@
 """Classifiers other than FLDA: their inputs, their training, and the classifiers that ship."""
 
-from .adapters import SklearnClassifier, TorchClassifier, scaled
+from .estimators import SklearnClassifier, scaled
 from .inputs import Inputs, Patch
+from .networks import Mlp, PatchCnn
 from .protocol import Classifier, Guarded
 from .rules import FldaClassifier, LmmseEqualizer, PanelKMeans, PanelOtsu, TagPlanes
-from .training import Mlp, PatchCnn
+from .training import TorchClassifier
 
 __all__ = [
     "Classifier",

@@ -4,6 +4,7 @@ import inspect
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,11 @@ from torch import Tensor, nn
 from vocc_torch.boundary import demand_fields
 from vocc_torch.errors import VoccError
 from vocc_torch.plugins import PlugIn, one_line
-from vocc_torch.receiver.classifiers import adapters
 from vocc_torch.receiver.classifiers.estimator_file import TRUSTED, skops_io, unpacked
+from vocc_torch.receiver.classifiers.estimators import SklearnClassifier, is_estimator
 from vocc_torch.receiver.classifiers.inputs import Inputs, Patch
 from vocc_torch.receiver.classifiers.protocol import Guarded
-from vocc_torch.receiver.classifiers.training import TrainingRecipe
+from vocc_torch.receiver.classifiers.training import TorchClassifier, TrainingRecipe
 
 SKOPS = "skops"
 """The name under which an estimator's file, made by skops, stands among the arrays."""
@@ -74,10 +75,10 @@ def classifier_of(
     with seeded(recipe.seed):
         built = plug_in.build(kind, arguments)
     if isinstance(built, nn.Module):
-        built = adapters.TorchClassifier(built, recipe)
-    elif adapters.is_estimator(built):
+        built = TorchClassifier(built, recipe)
+    elif is_estimator(built):
         try:
-            built = adapters.SklearnClassifier(built)
+            built = SklearnClassifier(built)
         except VoccError as error:
             raise VoccError(f"classifiers.{plug_in.name}: {error}") from error
     return Guarded(plug_in.name, built, inputs, plug_in)
@@ -128,7 +129,7 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, Tensor]]:
         ({'sharpening': 0.25, 'rounds': 2}, {})
     """
     classifier: Any = guarded.classifier
-    if isinstance(classifier, adapters.SklearnClassifier):
+    if isinstance(classifier, SklearnClassifier):
         io, release = skops_io(guarded.name)
         packed = bytearray(io.dumps(classifier.estimator))
         return {"release": release}, {
@@ -155,27 +156,19 @@ def state_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, Tensor]]:
     return values, arrays
 
 
-def admitted(
-    settings: Mapping[str, Any],
-    arrays: Mapping[str, Tensor],
-    plug_ins: Sequence[str],
-) -> PlugIn:
-    """Read a classifier's plug-in from a model file; one whose code was not named is refused.
-
-    Of an estimator of scikit-learn nothing is built: skops reads it, and trusts what it knows.
-
-    Args:
-        settings: as :attr:`PlugIn.settings` has them.
-        arrays: what it learned.
-        plug_ins: Python files and packages that the user names.
+def model_of(guarded: Guarded) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """Take what a model file keeps of a classifier: settings and arrays; :func:`loaded` reads them back.
 
     Raises:
-        VoccError: as :meth:`PlugIn.admitted`.
+        VoccError: it was not built from settings, or as :func:`state_of`.
     """
-    if SKOPS in arrays:
-        settings, plug_ins = {**settings, "arguments": {}}, (*plug_ins, "sklearn")
-    key = f"classifiers.{settings['name']}"
-    return PlugIn.admitted(key, settings, plug_ins, SHIPPED)
+    if guarded.plug_in is None:
+        raise VoccError(
+            f"classifier {guarded.name} was not built from settings: it cannot be saved"
+        )
+    values, arrays = state_of(guarded)
+    inputs = asdict(guarded.inputs)
+    return {**guarded.plug_in.settings, "inputs": inputs, "values": values}, arrays
 
 
 def restored(
@@ -213,7 +206,7 @@ def restored(
                 io,
                 lambda name: name in TRUSTED or name.startswith(modules),
             )
-            learned = adapters.SklearnClassifier(estimator)
+            learned = SklearnClassifier(estimator)
             return Guarded(plug_in.name, learned, inputs, plug_in)
         if plug_in.target in SHIPPED:
             demand_size(plug_in, inputs, arrays)
@@ -248,7 +241,7 @@ def demand_size(plug_in: PlugIn, inputs: Inputs, arrays: Mapping[str, Tensor]) -
         raise VoccError("its arguments are too long")
     with torch.device("meta"):
         sketch: Any = classifier_of(plug_in, inputs).classifier
-    if isinstance(sketch, adapters.TorchClassifier):
+    if isinstance(sketch, TorchClassifier):
         for name, value in sketch.module.state_dict(prefix="module.").items():
             if name not in arrays or arrays[name].shape != value.shape:
                 raise VoccError(f"its arguments do not fit {name}")
@@ -284,16 +277,25 @@ def loaded(
     arrays: Mapping[str, Tensor],
     plug_ins: Sequence[str],
 ) -> Guarded:
-    """Build a classifier from what :meth:`Guarded.model` gave.
+    """Build a classifier from what :func:`model_of` gave; one whose code was not named is refused.
+
+    Of an estimator of scikit-learn nothing is built: skops reads it, and trusts what it knows.
+
+    Args:
+        settings: as :attr:`PlugIn.settings` has them, its inputs, and numbers and texts that it learned.
+        arrays: that it learned.
+        plug_ins: Python files and packages that the user names.
 
     Raises:
-        VoccError: as :func:`admitted` and :func:`restored`.
+        VoccError: as :meth:`PlugIn.admitted` and :func:`restored`.
     """
-    input_settings, described = settings["inputs"], settings["inputs"]["patch"]
-    patch = None if described is None else Patch(**described)
+    features, patch = (settings["inputs"][key] for key in ("features", "patch"))
+    patch = None if patch is None else Patch(**patch)
     if patch is not None:
         demand_fields("inputs.patch", patch)
-    inputs = Inputs(tuple(input_settings["features"]), patch)
-    return restored(
-        admitted(settings, arrays, plug_ins), inputs, settings["values"], arrays
-    )
+    inputs, described = Inputs(tuple(features), patch), settings
+    if SKOPS in arrays:
+        described, plug_ins = {**settings, "arguments": {}}, (*plug_ins, "sklearn")
+    key = f"classifiers.{settings['name']}"
+    plug_in = PlugIn.admitted(key, described, plug_ins, SHIPPED)
+    return restored(plug_in, inputs, settings["values"], arrays)

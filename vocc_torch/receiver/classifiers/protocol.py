@@ -3,8 +3,7 @@
 import io
 import pickle
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import torch
 from torch import Tensor
@@ -32,29 +31,15 @@ class Classifier(Protocol):
 
     def predict(self, x: Tensor) -> Tensor:
         """Decide every LED, (B,R,C) bool; as good as ``decision_function(x) >= 0``."""
-
-
-class Batches(Protocol):
-    """Training panels in batches, the same ones each time."""
-
-    def __call__(self, first: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Return panels ``first`` to ``first + count`` as batches of ``x`` (B,R,C,F) and bits (B,R,C)."""
-
-
-class Scored:
-    """What decides by its scores alone."""
-
-    def decision_function(self, x: Tensor) -> Tensor:
-        """Score every LED, (B,R,C); at least 0 is On.
-
-        Raises:
-            NotImplementedError: always: each kind has its own.
-        """
-        raise NotImplementedError
-
-    def predict(self, x: Tensor) -> Tensor:
-        """Decide every LED."""
         return self.decision_function(x) >= 0
+
+
+Batches = Callable[[int, int], Iterator[tuple[Tensor, Tensor]]]
+"""Training panels, the same ones each time.
+
+Of ``first`` and ``count`` it gives panels ``first`` to ``first + count`` as batches of ``x`` (B,R,C,F) and bits
+(B,R,C).
+"""
 
 
 class Guarded:
@@ -175,28 +160,6 @@ class Guarded:
             )
         return answer
 
-    def model(self) -> tuple[dict[str, Any], dict[str, Tensor]]:
-        """What a model file keeps of it: settings and arrays.
-
-        Raises:
-            VoccError: it was not built from settings, or an attribute that cannot be kept.
-        """
-        if self.plug_in is None:
-            raise VoccError(
-                f"classifier {self.name} was not built from settings: it cannot be saved"
-            )
-        # Which builds what this file defines.
-        from vocc_torch.receiver.classifiers import (
-            plugged,
-        )
-
-        values, arrays = plugged.state_of(self)
-        return {
-            **self.plug_in.settings,
-            "inputs": asdict(self.inputs),
-            "values": values,
-        }, arrays
-
     def to(self, device: torch.device) -> "Guarded":
         """Copy it to a device, with every tensor that the classifier holds."""
         packed = io.BytesIO()
@@ -235,6 +198,11 @@ def joined(batches: Iterable[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
     """Join batches of panels and their bits in memory."""
     x, bits = map(torch.cat, zip(*batches, strict=True))
     return x, bits
+
+
+def leds(x: Tensor) -> Tensor:
+    """Flatten the LEDs of all panels to rows, (N,F) float32."""
+    return x.reshape(-1, x.shape[-1]).float()
 
 
 def _unpacked(

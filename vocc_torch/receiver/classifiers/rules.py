@@ -8,7 +8,7 @@ from torch import Tensor
 
 from vocc_torch.errors import VoccError, finite_number, whole_number
 from vocc_torch.receiver import discriminant, foreground
-from vocc_torch.receiver.classifiers.protocol import Batches, Scored, fitted
+from vocc_torch.receiver.classifiers.protocol import Batches, Classifier, fitted
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.levels import two_levels
 
@@ -16,7 +16,7 @@ MOST_ROUNDS = 100
 """Most rounds of a fit: after a few nothing changes."""
 
 
-class FldaClassifier(Scored):
+class FldaClassifier(Classifier):
     """FLDA on the inputs as they are: features, or whole patches.
 
     Example:
@@ -64,7 +64,7 @@ class FldaClassifier(Scored):
         return fitted(self._rule).direction.numel() + 1
 
 
-class LmmseEqualizer(Scored):
+class LmmseEqualizer(Classifier):
     """Linear minimum-mean-square-error estimate of each bit from the light about it, by distance.
 
     Where exposures add (``domain=exposure``), the light of a cell is a sum over its neighbours' bits, and the
@@ -146,7 +146,7 @@ class LmmseEqualizer(Scored):
         return torch.nn.functional.pad(light, (0, 1), value=1.0).double(), size
 
 
-class _Untrained(Scored):
+class _Untrained(Classifier):
     """What needs no training."""
 
     parameters_count = 0

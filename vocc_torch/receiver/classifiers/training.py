@@ -1,4 +1,4 @@
-"""How a module is trained: recipe, passes over the panels, checkpoints to go on from; two small networks."""
+"""A torch module as a classifier: recipe of its training, passes over the panels, checkpoints to go on from."""
 
 import contextlib
 import copy
@@ -6,23 +6,29 @@ import hashlib
 import inspect
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError, demand_least
 from vocc_torch.files import read_file, write_atomically
+from vocc_torch.plugins import blamed
+from vocc_torch.receiver.classifiers.protocol import (
+    Batches,
+    Classifier,
+    fitted,
+    joined,
+    leds,
+)
 from vocc_torch.sources import package_digest
+from vocc_torch.types import kind_of
 
 _CHECKSUM_BYTES = hashlib.sha256().digest_size
-
-Score = Callable[[Tensor], Tensor]
-"""The module's score of each row, (N,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,159 +155,188 @@ class Checkpoint:
         return hashlib.sha256(self.path.name.encode() + kept).digest() + kept
 
 
-def train_module(
-    module: nn.Module,
-    score: Score,
-    panels: Sequence[Tensor],
-    recipe: TrainingRecipe,
-    checkpoint: Checkpoint | None = None,
-) -> tuple[list[float], float]:
-    """Train a module for some passes, stop early, and keep the weights of the best pass.
+_cost = nn.functional.binary_cross_entropy_with_logits
+
+
+class TorchClassifier(Classifier):
+    """Train a module to score LEDs, with inputs brought to mean 0 and spread 1.
+
+    The module gets (N,F) float32 and gives (N,) or (N,1), trained with the logistic loss, so that a score is
+    the logarithm of the odds of On. Everything random comes from the recipe's seed; torch's own generator is
+    left as it was.
+    Where the recipe names a folder of checkpoints, an interrupted training goes on from its last pass and
+    ends with the very weights of one that nobody disturbed; ``earlier_s`` says how long it had taken.
 
     Args:
-        module: on the device of the panels.
-        score: see :data:`Score`.
-        panels: rows (N,F) and targets (N,) to learn from, and rows and targets held back for validation.
+        module: an ``torch.nn.Module``.
         recipe: how it is trained.
-        checkpoint: where its state is kept after each pass and taken up again, or None.
 
-    Returns:
-        The validation loss after each pass, and the seconds that an interrupted run had spent.
-
-    Raises:
-        VoccError: a validation loss that is not finite, or a checkpoint that cannot be read or written.
+    Example:
+        >>> x = torch.linspace(0, 1, 64).view(16, 4).T.reshape(4, 4, 4, 1)
+        >>> recipe = TrainingRecipe(frames=4, epochs=200, patience=200, validation=0.25, learning_rate=0.5)
+        >>> net = TorchClassifier(torch.nn.Linear(1, 1), recipe).fit(x, x[..., 0] > 0.5)
+        >>> net.predict(torch.tensor([0.1, 0.9]).view(1, 1, 2, 1)).tolist()
+        [[[False, True]]]
     """
-    rows, target, held_out, held_target = panels
-    on_cuda = rows.device.type == "cuda"
-    steps = recipe.epochs * -(-len(rows) // recipe.batch_leds)
-    optimizer = torch.optim.AdamW(
-        module.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay
-    )
-    schedule = torch.optim.lr_scheduler.LambdaLR(
-        optimizer, lambda step: 0.5 * (1 + math.cos(math.pi * min(1.0, step / steps)))
-    )
-    parts: dict[str, Any] = {
-        "module": module,
-        "optimizer": optimizer,
-        "schedule": schedule,
-    }
-    best, since, begun = copy.deepcopy(module.state_dict()), 0, time.perf_counter()
-    losses: list[float] = []
-    earlier_s = 0.0
-    if checkpoint is not None and (state := checkpoint.load(rows.device)) is not None:
-        for name, part in parts.items():
-            part.load_state_dict(state[name])
-        best, since, losses, earlier_s, draws = state["progress"]
-        torch.set_rng_state(draws[0].cpu())
-        if on_cuda:
-            torch.cuda.set_rng_state(draws[1].cpu())
-    cost = nn.functional.binary_cross_entropy_with_logits
-    while len(losses) < recipe.epochs and since < recipe.patience:
-        module.train()
-        # In the order of torch's generator on the host.
-        for chosen in torch.split(
-            torch.randperm(len(rows)).to(rows.device), recipe.batch_leds
-        ):
-            loss = cost(score(rows[chosen]), target[chosen])
-            optimizer.zero_grad()
-            torch.autograd.backward(loss)
-            optimizer.step()
-            schedule.step()
-        module.eval()
-        pairs = zip(
-            *(torch.split(part, 1 << 16) for part in (held_out, held_target)),
-            strict=True,
+
+    def __init__(
+        self, module: torch.nn.Module, recipe: TrainingRecipe | None = None
+    ) -> None:
+        self.module = module
+        self.recipe = recipe or TrainingRecipe()
+        self.losses: list[float] = []
+        self.earlier_s = 0.0
+        self._scale: tuple[Tensor, Tensor] | None = None
+
+    def fit_stream(self, batches: Batches, frames: int) -> Self:
+        """Train on ``recipe.frames`` panels of the stream, independently of the study's budget."""
+        return self.fit(*joined(batches(0, self.recipe.frames)))
+
+    def fit(self, x: Tensor, bits: Tensor) -> Self:
+        """Learn from panels (B,R,C,F); the last of them are held back for validation.
+
+        Passes over the LEDs end early where the validation loss does not fall. The weights of the best pass
+        are kept.
+
+        Raises:
+            VoccError: fewer than two panels, a module with nothing to learn or whose ``forward`` fails, a loss
+                that is not finite, or a checkpoint that cannot be read or written.
+        """
+        if not any(parameter.requires_grad for parameter in self.module.parameters()):
+            raise VoccError(
+                "the module has nothing that learns: use a class with fit and decision_function"
+            )
+        recipe = self.recipe
+        held_out = max(1, round(recipe.validation * len(x)))
+        if len(x) <= held_out:
+            raise VoccError(
+                f"{len(x)} training panels are too few to hold {held_out} back for validation"
+            )
+        begin = bits[:-held_out].numel()
+        rows, held_rows = leds(x).tensor_split([begin])
+        target, held_target = bits.reshape(-1).float().tensor_split([begin])
+        spread = rows.std(dim=0)
+        self._scale = rows.mean(dim=0), torch.where(spread > 0, spread, 1.0)
+        self.module.to(x.device)
+        checkpoint = None
+        if recipe.checkpoints is not None:
+            checkpoint = Checkpoint(recipe.checkpoints, self.module, recipe, [x, bits])
+        cards = [x.device] if x.device.type == "cuda" else []
+        with torch.random.fork_rng(devices=cards):
+            torch.manual_seed(recipe.seed)
+            steps = recipe.epochs * -(-len(rows) // recipe.batch_leds)
+            parts, begun = self._parts(steps), time.perf_counter()
+            best, since = copy.deepcopy(self.module.state_dict()), 0
+            self.losses, self.earlier_s = [], 0.0
+            if checkpoint is not None and (state := checkpoint.load(x.device)):
+                for name, part in parts.items():
+                    part.load_state_dict(state[name])
+                best, since, self.losses, self.earlier_s, draws = state["progress"]
+                torch.set_rng_state(draws[0].cpu())
+                for card, draw in zip(cards, draws[1:], strict=True):
+                    torch.cuda.set_rng_state(draw.cpu(), card)
+            while len(self.losses) < recipe.epochs and since < recipe.patience:
+                self._learn(parts, rows, target)
+                self.losses.append(self._validation_loss(held_rows, held_target))
+                since += 1
+                if self.losses[-1] < min(self.losses[:-1], default=math.inf):
+                    best, since = copy.deepcopy(self.module.state_dict()), 0
+                if checkpoint is not None:
+                    draws = [torch.get_rng_state()]
+                    draws += map(torch.cuda.get_rng_state, cards)
+                    seconds = self.earlier_s + time.perf_counter() - begun
+                    progress = best, since, self.losses, seconds, draws
+                    states = {name: part.state_dict() for name, part in parts.items()}
+                    checkpoint.save({**states, "progress": progress})
+        self.module.load_state_dict(best)
+        return self
+
+    def _parts(self, steps: int) -> dict[str, Any]:
+        """Give what has a state in a training of so many steps, by name."""
+        recipe = self.recipe
+        optimizer = torch.optim.AdamW(
+            self.module.parameters(),
+            lr=recipe.learning_rate,
+            weight_decay=recipe.weight_decay,
         )
+        schedule = torch.optim.lr_scheduler.LambdaLR(
+            optimizer, lambda step: (1 + math.cos(math.pi * min(1.0, step / steps))) / 2
+        )
+        return {"module": self.module, "optimizer": optimizer, "schedule": schedule}
+
+    def _learn(self, parts: dict[str, Any], rows: Tensor, target: Tensor) -> None:
+        """Pass over the LEDs once, in the order of torch's generator on the host."""
+        self.module.train()
+        order = torch.randperm(len(rows)).to(rows.device)
+        for chosen in torch.split(order, self.recipe.batch_leds):
+            loss = _cost(self._score(rows[chosen]), target[chosen])
+            parts["optimizer"].zero_grad()
+            torch.autograd.backward(loss)
+            parts["optimizer"].step()
+            parts["schedule"].step()
+
+    def _validation_loss(self, rows: Tensor, target: Tensor) -> float:
+        """Give the mean loss of LEDs that are held back.
+
+        Raises:
+            VoccError: it is not finite.
+        """
+        self.module.eval()
+        # So many LEDs fit in memory at once.
+        sums, parts = [], (torch.split(part, 1 << 16) for part in (rows, target))
         with torch.inference_mode():
-            sums = [cost(score(part), bits, reduction="sum") for part, bits in pairs]
-        losses.append(float(torch.stack(sums).sum()) / len(held_out))
-        if not math.isfinite(losses[-1]):
+            for part, bits in zip(*parts, strict=True):
+                sums.append(_cost(self._score(part), bits, reduction="sum"))
+        loss = float(torch.stack(sums).sum()) / len(rows)
+        if not math.isfinite(loss):
             raise VoccError(
                 "the validation loss is not finite: try a smaller training.learning_rate"
             )
-        since += 1
-        if losses[-1] < min(losses[:-1], default=math.inf):
-            best, since = copy.deepcopy(module.state_dict()), 0
-        if checkpoint is not None:
-            draws = [torch.get_rng_state()]
-            if on_cuda:
-                draws.append(torch.cuda.get_rng_state(rows.device))
-            seconds = earlier_s + time.perf_counter() - begun
-            states = {name: part.state_dict() for name, part in parts.items()}
-            progress = best, since, losses, seconds, draws
-            checkpoint.save({**states, "progress": progress})
-    module.load_state_dict(best)
-    return losses, earlier_s
+        return loss
 
+    def decision_function(self, x: Tensor) -> Tensor:
+        """Score every LED by the logarithm of the odds of On.
 
-class Mlp(nn.Module):
-    """Layers of neurons with ReLU between them, (...,F) to (...).
+        Raises:
+            VoccError: not fitted, or the module fails or gives another number of scores.
+        """
+        self.module.eval()
+        with torch.inference_mode():
+            scores = self._score(leds(x))
+        return scores.reshape(x.shape[:-1]).double()
 
-    Args:
-        n_inputs: F.
-        hidden: neurons of each hidden layer.
+    @property
+    def parameters_count(self) -> int:
+        """How many numbers decide."""
+        return sum(parameter.numel() for parameter in self.module.parameters())
 
-    Example:
-        >>> Mlp(n_inputs=3, hidden=[8])(torch.zeros(2, 8, 8, 3)).shape
-        torch.Size([2, 8, 8])
-    """
+    def state_dict(self) -> dict[str, Tensor]:
+        """The learned state: the module's parameters and the scale of the inputs.
 
-    def __init__(self, n_inputs: int, hidden: Sequence[int] = (64, 64)) -> None:
-        super().__init__()
-        layers: list[nn.Module] = []
-        for size in hidden:
-            layers += [nn.Linear(n_inputs, size), nn.ReLU()]
-            n_inputs = size
-        self.layers = nn.Sequential(*layers, nn.Linear(n_inputs, 1))
+        Raises:
+            VoccError: not fitted.
+        """
+        mean, spread = fitted(self._scale)
+        learned = self.module.state_dict(prefix="module.")
+        return {**learned, "mean": mean, "spread": spread}
 
-    def forward(self, x: Tensor) -> Tensor:
-        """Score."""
-        scores: Tensor = self.layers(x)
-        return scores.squeeze(-1)
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Take up what :meth:`state_dict` gave."""
+        module_state = {
+            name.partition(".")[2]: value
+            for name, value in state.items()
+            if "." in name
+        }
+        self.module.load_state_dict(module_state)
+        self._scale = state["mean"], state["spread"]
 
-
-class PatchCnn(nn.Module):
-    """Two convolutions over the patch of an LED, then neurons that see the cell's pitch too.
-
-    Args:
-        n_inputs: F: a square patch, row by row, and perhaps one more number, the pitch.
-        channels: of each convolution.
-        hidden: neurons of the last layer but one.
-
-    Raises:
-        VoccError: ``n_inputs`` is no square and no square plus one, or the patch is under 4 x 4.
-
-    Example:
-        >>> PatchCnn(n_inputs=145)(torch.zeros(2, 8, 8, 145)).shape
-        torch.Size([2, 8, 8])
-    """
-
-    def __init__(self, n_inputs: int, channels: int = 12, hidden: int = 32) -> None:
-        super().__init__()
-        self.side = math.isqrt(n_inputs)
-        self.extra = n_inputs - self.side**2
-        if self.extra not in (0, 1) or self.side < 4:
-            raise VoccError.of(
-                "n_inputs", n_inputs, "the size of a patch from 4 x 4 on, or one more"
+    def _score(self, rows: Tensor) -> Tensor:
+        """Return the module's score of each row, (N,), or refuse another number of them."""
+        mean, spread = fitted(self._scale)
+        with blamed(f"forward on {tuple(rows.shape)}"):
+            scores = self.module((rows - mean) / spread)
+        if not isinstance(scores, Tensor) or scores.numel() != rows.shape[0]:
+            raise VoccError(
+                f"the module gave {kind_of(scores)} for {len(rows)} LEDs: it must give one score each"
             )
-        self.convolutions = nn.Sequential(
-            nn.Conv2d(1, channels, 3, padding=1),
-            nn.ReLU(),
-            nn.MaxPool2d(2),
-            nn.Conv2d(channels, 2 * channels, 3),
-            nn.ReLU(),
-        )
-        flat = 2 * channels * (self.side // 2 - 2) ** 2
-        self.decide = nn.Sequential(
-            nn.Linear(flat + self.extra, hidden), nn.ReLU(), nn.Linear(hidden, 1)
-        )
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Score."""
-        rows = x.reshape(-1, x.shape[-1])
-        picture = rows[:, : self.side**2].reshape(-1, 1, self.side, self.side)
-        inputs = torch.cat(
-            [self.convolutions(picture).flatten(1), rows[:, self.side**2 :]], dim=1
-        )
-        scores: Tensor = self.decide(inputs)
-        return scores.reshape(x.shape[:-1])
+        return scores.reshape(-1)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -45,13 +45,11 @@ class OutsideLocator(PanelLocator):
         plug_in: its class or function.
     """
 
-    name: ClassVar[str] = "outside"
-
     plug_in: PlugIn
 
     @property
-    def label(self) -> str:
-        """Its name in results."""
+    def name(self) -> str:  # type: ignore[override]  # each plug-in has its own
+        """Its name in configurations and results."""
         return self.plug_in.name
 
     @property
@@ -105,17 +103,7 @@ class OutsideLocator(PanelLocator):
         frames = Frames.of(frames)
         if self._locator is None:
             return Candidates.of_panels(self(frames, shape))
-        found: Candidates = self._answer(
-            self._locator.locate, frames, shape, Candidates
-        )
-        alarms = found.false_alarms
-        count = len(alarms) if isinstance(alarms, Tensor) and alarms.ndim == 1 else -1
-        if count < 0 or (alarms < 0).any():
-            rule = "it must be a tensor (n,) of numbers from 0 on, or NaN where nothing is stated"
-            raise VoccError(
-                f"locator {self.plug_in.name} gave false_alarms of {shown(alarms)}: {rule}"
-            )
-        found = self._checked(replace(found, false_alarms=alarms.double()), count)
+        found = self._answer(self._locator.locate, frames, shape, Candidates)
         if not holds((found.frame >= 0) & (found.frame < len(frames))):
             raise VoccError(
                 f"locator {self.plug_in.name} saw panels in frames that it was not given"
@@ -131,33 +119,39 @@ class OutsideLocator(PanelLocator):
         """
         if self._locator is not None:
             return super().__call__(frames, shape)
-        frames = Frames.of(frames)
-        panels: Panels = self._answer(self.plug_in.made, frames, shape, Panels)
-        return self._checked(panels, frames.grey.shape[0])
+        return self._answer(self.plug_in.made, Frames.of(frames), shape, Panels)
 
     def _answer(
-        self, call: Callable[..., Any], frames: Frames, shape: PanelShape, kind: type
-    ) -> Any:
-        """Return its answer as a tensor of the expected type.
+        self,
+        call: Callable[..., Any],
+        frames: Frames,
+        shape: PanelShape,
+        kind: type[Answer],
+    ) -> Answer:
+        """Return its answer with every part in its type.
 
         Raises:
-            VoccError: it fails, or answers anything else.
+            VoccError: it fails, or answers anything else, a part is no finite tensor of its size, or panels
+                were found with corners that are not clockwise about an area.
         """
         name = f"locator {self.plug_in.name}"
+        said, parts = f"{name} gave", dict[str, Tensor]()
         with blamed(name):
             answer = call(frames, shape)
         demand_kind(f"{name}: its answer", answer, kind)
-        return answer
-
-    def _checked(self, answer: Answer, count: int) -> Answer:
-        """Give an answer of ``count`` panels in its types.
-
-        Raises:
-            VoccError: a part that is no finite tensor of its size, or panels that were found with corners
-                that are not clockwise about an area.
-        """
-        said, parts = f"locator {self.plug_in.name} gave", {}
-        for part in filter(answer.__dataclass_fields__.__contains__, KINDS):
+        count = frames.grey.shape[0]
+        if isinstance(answer, Candidates):
+            alarms = answer.false_alarms
+            is_column = isinstance(alarms, Tensor) and alarms.ndim == 1
+            if not is_column or (alarms < 0).any():
+                rule = (
+                    "a tensor (n,) of numbers from 0 on, or NaN where nothing is stated"
+                )
+                raise VoccError(
+                    f"{said} false_alarms of {shown(alarms)}: it must be {rule}"
+                )
+            count, parts["false_alarms"] = len(alarms), alarms.double()
+        for part in filter(kind.__dataclass_fields__.__contains__, KINDS):
             size = (count, 4, 2) if part == "corners_px" else (count,)
             value = finite_tensor(f"{said} {part} of", getattr(answer, part), size)
             parts[part] = value.to(KINDS[part])
@@ -166,4 +160,5 @@ class OutsideLocator(PanelLocator):
         if not holds((doubled > 0) | ~parts.get("found", doubled < math.inf)):
             rule = "clockwise from the top left, or the panel not found"
             raise VoccError(f"{said} corners that enclose nothing: they must be {rule}")
-        return replace(answer, **parts)
+        checked: Answer = replace(answer, **parts)
+        return checked

@@ -3,9 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 
@@ -34,29 +32,6 @@ class LadderSettings:
 
 
 LADDER = LadderSettings()
-
-
-def quantised(grey: Tensor) -> Tensor:
-    """Round floating grey values to uint8, clamped to 0 to 255; uint8 is returned unchanged.
-
-    Raises:
-        VoccError: a value is NaN or infinite, or ``grey`` is of another type.
-
-    Example:
-        >>> quantised(torch.tensor([-3.0, 99.6, 300.0])).tolist()
-        [0, 100, 255]
-    """
-    if grey.dtype == torch.uint8:
-        return grey
-    if not grey.is_floating_point():
-        raise VoccError(
-            f"frames.grey is {grey.dtype}: it must be torch.uint8 or floating"
-        )
-    if not bool(grey.isfinite().all()):
-        raise VoccError(
-            "frames.grey holds NaN or infinity: it must be grey values, 0 to 255"
-        )
-    return grey.round().clamp(0, 255).to(torch.uint8)
 
 
 @dataclass(frozen=True)
@@ -133,70 +108,57 @@ class PaperLocator(LocatorLimits, PanelLocator):
         """
         demand_kind("shape", shape, PanelShape)
         exact = foreground.trimmed(exact_frames(frames))
-        threshold = foreground.sensor_threshold(exact)
-        dark = torch.ones_like(threshold, dtype=torch.bool)
-        if exact.surround is not None:
-            dark = exact.surround.round() <= threshold
-        fits = _lies_on_sensor(exact)
-        panels, facts = self.choose(
-            exact,
-            torch.where(dark, threshold, 255),
-            shape,
-            torch.stack([dark, fits], 1),
-        )
-        if not facts[:, 1].all():
-            demand_on_sensor(exact)
-        for row in (facts[:, 0] == 0).nonzero()[0].tolist():
-            at = slice(row, row + 1)
-            panels.put(at, self.choose(_on_sensor(exact[at]), threshold[at], shape)[0])
-        return panels
+        return self.choose(exact, foreground.sensor_threshold(exact), shape)
 
-    def choose(
-        self,
-        frames: Frames,
-        threshold: Tensor,
-        shape: PanelShape,
-        *facts: Tensor,
-    ) -> tuple[Panels, NDArray[np.int64]]:
-        """Choose the blobs above thresholds (B,) in uint8 frames whose surround is background.
+    def choose(self, frames: Frames, threshold: Tensor, shape: PanelShape) -> Panels:
+        """Choose the blobs above thresholds in uint8 frames.
 
         On an accelerator all masks up to 192 px go at once, and one copy tells the host what is left to the
         ladder.
 
         Args:
-            frames: B frames.
+            frames: B frames; a crop with a surround above its threshold is filled up to its sensor.
             threshold: (B,) int64.
             shape: the panel looked for.
-            *facts: (B,F) bool that the host needs to know too.
 
-        Returns:
-            The choice, with corners on the sensor, and the facts.
+        Raises:
+            VoccError: a crop with a surround that is not on its sensor.
         """
-        grey, boxes = frames.grey, _foreground_boxes(frames.grey, threshold)
+        grey, dark = frames.grey, torch.ones_like(threshold, dtype=torch.bool)
+        if frames.surround is not None:
+            dark = frames.surround.round() <= threshold
+        threshold_in_crop = torch.where(dark, threshold, 255)
+        boxes = _foreground_boxes(grey, threshold_in_crop)
         place, left = boxes[:, :2] + frames.origin_px, boxes[:, 2] > 0
         panels, sides = no_panels(len(boxes), grey.device), boxes[:, 2:].amax(1)
         order, most = torch.arange(len(boxes), device=grey.device), LADDER.most_masks
+        size_px = [min(side, LADDER.window_px) for side in grey.shape[-2:]]
         if grey.is_cpu:
             order = sides.argsort()
             order = order[left[order] & (sides[order] <= LADDER.window_px)]
             most = LADDER.pass_masks
         for rows in torch.split(order, most) if len(order) else ():
-            height, width = (min(side, LADDER.window_px) for side in grey.shape[-2:])
             if grey.is_cpu:
-                width, height = boxes[rows, 2:].amax(0).tolist()
-            mask = _cut(grey, threshold, boxes, rows, width, height)
+                size_px = boxes[rows, 2:].amax(0).tolist()[::-1]
+            mask = _cut(grey, threshold_in_crop, boxes, rows, *size_px)
             part, sure = choose_single(mask, place[rows], shape, self)
             panels.put(rows, part)
             left[rows] &= ~sure | (sides[rows] > LADDER.window_px)
-        columns = boxes, left[:, None], *facts
-        known = torch.cat([column.long() for column in columns], 1).cpu()
-        for row in known[:, 4].nonzero()[:, 0].tolist():
+        flags = torch.stack([left, dark, _lies_on_sensor(frames)], 1)
+        known = torch.cat([boxes, flags], 1).cpu()
+        if not known[:, 6].all():
+            demand_on_sensor(frames)
+        for row in (known[:, 4] > 0).nonzero()[:, 0].tolist():
             x, y, width, height = known[row, :4].tolist()
             plane = grey[row, 0, y : y + height, x : x + width]
-            climbed = climb((plane > threshold[row]).cpu(), shape, self)
+            climbed = climb((plane > threshold_in_crop[row]).cpu(), shape, self)
             panels.put(slice(row, row + 1), climbed.to(grey.device))
             panels.corners_px[row] += place[row] * panels.found[row]
-        return panels, known[:, 5:].numpy()
+        for row in (known[:, 5] == 0).nonzero()[:, 0].tolist():
+            at = slice(row, row + 1)
+            filled = _on_sensor(frames[at])
+            panels.put(at, self.choose(filled, threshold[at], shape))
+        return panels
 
 
 def no_panels(frames: int, device: torch.device) -> Panels:
@@ -209,26 +171,36 @@ def no_panels(frames: int, device: torch.device) -> Panels:
 def exact_frames(frames: Images) -> Frames:
     """Return the frames in uint8, or refuse what no locator can read.
 
+    Floating grey values are rounded, and clamped to 0 to 255.
+
     Raises:
-        VoccError: what :func:`quantised` refuses, another shape than (B,1,H,W), a side above 32,768 px, a
-            surround that is not finite, or a crop with a surround that is not on its sensor.
+        VoccError: grey values that are NaN, infinite or of another type, another shape than (B,1,H,W), a side
+            above 32,768 px, a surround that is not finite, or a crop with a surround that is not on its sensor.
 
     Example:
-        >>> exact_frames(Frames.whole(torch.full((1, 2, 2), 9.4))).grey.unique().tolist()
-        [9]
+        >>> exact_frames(Frames.whole(torch.tensor([[-3.0, 99.6, 300.0]]))).grey.flatten().tolist()
+        [0, 100, 255]
     """
     frames = Frames.of(frames)
-    shape = tuple(frames.grey.shape)
+    grey, shape = frames.grey, tuple(frames.grey.shape)
     if len(shape) != 4 or shape[1] != 1:
         raise VoccError(f"frames.grey has shape {shape}: it must be (B,1,H,W)")
     if max(shape[2:]) > LADDER.most_side_px:
-        raise VoccError.of(
-            "frames.grey",
-            f"{shape[2]} x {shape[3]} px",
-            f"at most {LADDER.most_side_px} px a side",
-        )
-    exact = replace(frames, grey=quantised(frames.grey), colour=None)
-    if frames.grey.is_cpu:
+        size = f"{shape[2]} x {shape[3]} px"
+        rule = f"at most {LADDER.most_side_px} px a side"
+        raise VoccError.of("frames.grey", size, rule)
+    if grey.dtype != torch.uint8:
+        if not grey.is_floating_point():
+            raise VoccError(
+                f"frames.grey is {grey.dtype}: it must be torch.uint8 or floating"
+            )
+        if not bool(grey.isfinite().all()):
+            raise VoccError(
+                "frames.grey holds NaN or infinity: it must be grey values, 0 to 255"
+            )
+        grey = grey.round().clamp(0, 255).to(torch.uint8)
+    exact = replace(frames, grey=grey, colour=None)
+    if grey.is_cpu:
         demand_on_sensor(exact)
     return exact
 
@@ -275,45 +247,35 @@ def _on_sensor(crop: Frames) -> Frames:
 
 
 def _foreground_boxes(grey: Tensor, threshold: Tensor) -> Tensor:
-    """Bound the pixels above the thresholds: (B,4) left, top, width, height; zeros where there are none."""
+    """Bound the pixels above the thresholds: (B,4) left, top, width, height; sizes are 0 where there are none."""
     if not grey.numel():
         return threshold.new_zeros(len(grey), 4)
     # Maxima of bytes first: comparing them all would write a mask as large as the frames.
     ends = [
-        foreground.extents(grey[:, 0].amax(axis) > threshold[:, None])
+        components.row_ends(grey[:, 0].amax(axis) > threshold[:, None])
         for axis in (1, 2)
     ]
-    return torch.stack([end for pair in zip(*ends, strict=True) for end in pair], 1)
+    first, last = (torch.stack(end, 1).long() for end in zip(*ends, strict=True))
+    return torch.cat([first, (last - first + 1).clamp(min=0)], 1)
 
 
 def _cut(
     grey: Tensor,
     threshold: Tensor,
     boxes: Tensor,
-    some: Tensor,
-    width: int,
+    rows: Tensor,
     height: int,
+    width: int,
 ) -> Tensor:
     """Threshold the boxes of some frames into masks of a common size (b,height,width), background beyond."""
-    if grey.is_cpu:
-        planes, limits = grey[:, 0].numpy(), threshold.tolist()
-        masks = np.zeros((len(some), height, width), dtype=bool)
-        for mask, row, (left, top, wide, high) in zip(
-            masks, some.tolist(), boxes[some].tolist(), strict=True
-        ):
-            mask[:high, :wide] = (
-                planes[row, top : top + high, left : left + wide] > limits[row]
-            )
-        return torch.from_numpy(masks)
-    rows = some.to(grey.device, non_blocking=True)
     x, y, wide, high = boxes[rows, :, None].unbind(1)
     right = torch.arange(width, device=grey.device)
     down = torch.arange(height, device=grey.device)
-    column = (x + right).clamp(max=grey.shape[-1] - 1)[:, None]
-    row = (y + down).clamp(max=grey.shape[-2] - 1)[:, :, None]
-    within = (right < wide)[:, None] & (down < high)[:, :, None]
-    lit = grey[rows[:, None, None], 0, row, column] > threshold[rows, None, None]
-    return lit & within
+    line = rows[:, None] * grey.shape[-2] + (y + down).clamp(max=grey.shape[-2] - 1)
+    column = (x + right).clamp(max=grey.shape[-1] - 1)
+    lit = grey.take(line[..., None] * grey.shape[-1] + column[:, None])
+    within = (right < wide)[:, None] & (down < high)[..., None]
+    return (lit > threshold[rows, None, None]) & within
 
 
 def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Panels:
@@ -357,8 +319,9 @@ def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Panels:
                 shape,
                 search,
             )
-            pitch = float(measures.pitch_px[_best(measures.score)])
-            best = _best(measures.score.where(measures.within, 0.0))
+            # NumPy gives the first of equal scores.
+            pitch = float(measures.pitch_px[measures.score.numpy().argmax()])
+            best = int(measures.score.where(measures.within, 0.0).numpy().argmax())
             now = float(measures.score[best]) * bool(measures.within[best])
             now_px = blobs[best].mask_px
             x, y = (place >> level for place in first_px)
@@ -377,11 +340,6 @@ def climb(mask: Tensor, shape: PanelShape, search: LocatorLimits) -> Panels:
         if not parted and search.closing_px << level >= pitches * pitch:
             return panel
         coarse, level = components.halve_mask(coarse), level + 1
-
-
-def _best(score: Tensor) -> int:
-    """Return the index of the highest score (M,), the first of equals."""
-    return int(score.numpy().argmax())
 
 
 def is_single(mask: Tensor) -> Tensor:
@@ -410,8 +368,8 @@ def is_single(mask: Tensor) -> Tensor:
         touched.scatter_(2, (number * beside).long(), True)
         alone.append(runs - touched[..., 1:].sum(2))
     up, down = alone
-    rest = up.flip(1).cumsum(1).flip(1) - up + down.cumsum(1) - down
-    plain[rows] = ((runs == 1) & (rest == 0)).any(1)
+    others = up.flip(1).cumsum(1).flip(1) - up + down.cumsum(1) - down
+    plain[rows] = ((runs == 1) & (others == 0)).any(1)
     return plain
 
 

@@ -59,11 +59,6 @@ class PanelLocator(ABC):
         return self.locate(frames, shape).panels(len(frames), self.most_false_alarms)[1]
 
     @property
-    def label(self) -> str:
-        """Its name in results."""
-        return self.name
-
-    @property
     def states_false_alarms(self) -> bool:
         """Whether it says how many false alarms to expect in a frame without a panel."""
         return False

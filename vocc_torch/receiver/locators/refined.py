@@ -9,7 +9,9 @@ import torch
 from torch import Tensor
 
 from vocc_torch.errors import demand_kind, demand_within
-from vocc_torch.receiver import foreground, lattice_fit, lattice_model, resample
+from vocc_torch.receiver import foreground, resample
+from vocc_torch.receiver.lattice_fit import FIT, fit_lattice
+from vocc_torch.receiver.lattice_model import Lattice, search_lattice
 from vocc_torch.receiver.locators.detector import DetectorLocator
 from vocc_torch.receiver.locators.paper import (
     PaperLocator,
@@ -133,44 +135,43 @@ class RefinedLocator(PanelLocator):
         with torch.inference_mode(), without_autocast(exact.grey.device):
             is_whole = exact.surround is None
             panels = (self._in_whole if is_whole else self._in_crops)(exact, shape)
-            left = (~panels.found).nonzero()[:, 0]
-            self._left_to_paper(panels, left, exact, shape)
         # Copies, for tensors made in inference mode take no part in autograd.
         return panels.each(torch.clone)
 
     def _in_crops(self, crops: Frames, shape: PanelShape) -> Panels:
-        """Find panels in crops with a known surround."""
+        """Find panels in crops with a known surround: fitted, or else the paper's."""
         assert crops.surround is not None
         background = crops.surround.float()
-        noise = torch.zeros_like(background)
         limit = (background + REFINED.rise_dn).floor().long()
-        panels, _ = self.paper.choose(crops, limit, shape)
+        panels = self.paper.choose(crops, limit, shape)
         rows = panels.found.nonzero()[:, 0]
         if len(rows):
-            poor = self._refit(panels, rows, crops[rows], background, noise, shape)
-            self._left_to_paper(panels, poor, crops, shape)
+            level = background[rows]
+            noise = torch.zeros_like(level)
+            panels.found[rows] = self._refit(
+                panels, rows, crops[rows], level, noise, shape
+            )
+        self._left_to_paper(panels, crops, shape)
         return panels
 
     def _in_whole(self, frames: Frames, shape: PanelShape) -> Panels:
         """Find panels in whole frames: the detector's likeliest or else the paper's, fitted."""
-        seen = DetectorLocator(false_alarms=math.inf)(frames, shape)
-        likely = seen.score > REFINED.least_probability
-        panels = Panels(seen.corners_px, likely, seen.score, seen.candidates)
-        others = (~likely).nonzero()[:, 0]
-        self._left_to_paper(panels, others, frames, shape)
-        level, noise = torch.zeros(2, len(frames), device=frames.grey.device)
+        detected = DetectorLocator(false_alarms=math.inf)(frames, shape)
+        likely = detected.score > REFINED.least_probability
+        panels = Panels(
+            detected.corners_px, likely, detected.score, detected.candidates
+        )
+        self._left_to_paper(panels, frames, shape)
         for row in panels.found.nonzero():
             corners_px = panels.corners_px[row[0]]
             half = (corners_px.amax(0) - corners_px.amin(0)) / 2
             about = resample.cut_about(frames[row], corners_px, half)
-            level[row], noise[row] = ring_level(about.grey)
-            self._refit(panels, row, about, level, noise, shape)
+            self._refit(panels, row, about, *ring_level(about.grey), shape)
         return panels
 
-    def _left_to_paper(
-        self, panels: Panels, rows: Tensor, frames: Frames, shape: PanelShape
-    ) -> None:
-        """Replace the panels in some of the frames by those of the locator ``paper``."""
+    def _left_to_paper(self, panels: Panels, frames: Frames, shape: PanelShape) -> None:
+        """Look for the panels that were not found with the locator ``paper``."""
+        rows = (~panels.found).nonzero()[:, 0]
         if len(rows):
             panels.put(rows, self.paper(frames[rows], shape))
 
@@ -183,17 +184,15 @@ class RefinedLocator(PanelLocator):
         noise: Tensor,
         shape: PanelShape,
     ) -> Tensor:
-        """Fit lattices to ``rows`` of the panels, keep the good ones, and return the rows of the others."""
-        corners_px, noise = panels.corners_px[rows], noise[rows]
-        lattice = _fitted(frames, corners_px, level[rows], noise, shape, self.paper)
+        """Fit lattices to ``rows`` of the panels, take over the good ones, and say which are good."""
+        corners_px = panels.corners_px[rows]
+        lattice = _fitted(frames, corners_px, level, noise, shape, self.paper)
         good = lattice.share + _noise_share(lattice, noise) >= self.min_share
         good &= _is_sane(lattice, corners_px)
-        corners = _upright(lattice.corners_px[good], shape)
-        panels.corners_px[rows[good]] = (
-            corners * REFINED.parts_per_px
-        ).round() / REFINED.parts_per_px
+        corners = _upright(lattice.corners_px[good], shape) * REFINED.parts_per_px
+        panels.corners_px[rows[good]] = corners.round() / REFINED.parts_per_px
         panels.score[rows[good]] = lattice.share[good].clamp(0, 1)
-        return rows[~good]
+        return good
 
 
 def _fitted(
@@ -203,28 +202,26 @@ def _fitted(
     noise: Tensor,
     shape: PanelShape,
     paper: PaperLocator,
-) -> lattice_model.Lattice:
+) -> Lattice:
     """Fit lattices from quadrilaterals; where little is explained, with a face, then from other starts."""
-    start, blur = lattice_model.search_lattice(frames, corners_px, background, shape)
-    begun = lattice_model.Lattice.at(start, blur, background, shape)
-    lattice = lattice_fit.fit_lattice(frames, begun)
+    start, blur = search_lattice(frames, corners_px, background, shape)
+    lattice = fit_lattice(frames, Lattice.at(start, blur, background, shape))
 
     def poor() -> Tensor:
         share = lattice.share_of_all + _noise_share(lattice, noise)
         return (share < REFINED.good_share).nonzero()[:, 0]
 
     def retry(rows: Tensor, corners: Tensor, width: Tensor, face_light: float) -> None:
-        begun = lattice_model.Lattice.at(corners, width, background[rows], shape)
-        found = lattice_fit.fit_lattice(frames[rows], begun, face_light=face_light)
+        begun = Lattice.at(corners, width, background[rows], shape)
+        found = fit_lattice(frames[rows], begun, face_light)
         better = found.rms_dn < lattice.rms_dn[rows]
         lattice.put(rows[better], found[better])
 
     if len(rows := poor()):
         # The edge of a face that is brighter than the background is found by the paper's threshold.
         face = paper(frames[rows], shape)
-        edges_px = torch.where(
-            face.found[:, None, None], face.corners_px.to(start), start[rows]
-        )
+        found = face.found[:, None, None]
+        edges_px = torch.where(found, face.corners_px.to(start), start[rows])
         width = torch.full_like(blur[rows], REFINED.usual_blur_cells)
         retry(rows, edges_px, width, REFINED.face_light)
     if len(rows := poor()):
@@ -233,17 +230,17 @@ def _fitted(
         for size in REFINED.sizes:
             sized = (middle + size * (cells - middle)).expand(len(rows), 4, 2)
             corners = resample.map_points(start[rows], sized, shape)
-            retry(rows, corners, blur[rows], lattice_fit.FIT.no_face)
+            retry(rows, corners, blur[rows], FIT.no_face)
     return lattice
 
 
-def _noise_share(lattice: lattice_model.Lattice, noise: Tensor) -> Tensor:
+def _noise_share(lattice: Lattice, noise: Tensor) -> Tensor:
     """Return the share (B,) of a picture's variation that is noise, which no lattice explains."""
     spread = lattice.rms_dn.square() / (1 - lattice.share).clamp(min=1e-9)
     return torch.div(noise.square(), spread.clamp(min=1e-9))
 
 
-def _is_sane(lattice: lattice_model.Lattice, corners_px: Tensor) -> Tensor:
+def _is_sane(lattice: Lattice, corners_px: Tensor) -> Tensor:
     """Whether lattices (B,) are finite, not too fine, and near the corners that they began with."""
     cell = torch.maximum(*resample.cell_size_px(corners_px, lattice.shape))
     strayed_px = (lattice.corners_px - corners_px).norm(dim=2).amax(1)
@@ -271,13 +268,8 @@ def _upright(corners_px: Tensor, shape: PanelShape) -> Tensor:
 
 def ring_level(grey: Tensor) -> tuple[Tensor, Tensor]:
     """Give the background of one frame (1,1,H,W), the median of its outermost pixels, and their deviation."""
-    wide = REFINED.ring_px
-    ends = [
-        grey[..., :wide, :],
-        grey[..., -wide:, :],
-        grey[..., :wide],
-        grey[..., -wide:],
-    ]
+    wide, lines = REFINED.ring_px, (grey, grey.mT)
+    ends = [end for line in lines for end in (line[..., :wide], line[..., -wide:])]
     ring = torch.cat([end.flatten() for end in ends]).float()
-    level = ring.median()
-    return level, (ring - level).abs().median() * REFINED.sigma_per_mad
+    level = ring.median()[None]
+    return level, (ring - level).abs().median()[None] * REFINED.sigma_per_mad

@@ -47,8 +47,8 @@ def plugged_locator(plug_in: PlugIn) -> PanelLocator:
         VoccError: one of the package's own that cannot be built.
 
     Example:
-        >>> plugged_locator(PlugIn.of("locators.mine", "vocc_torch.receiver.locators.DetectorLocator"))
-        DetectorLocator(weights=None, false_alarms=0.01)
+        >>> plugged_locator(PlugIn.of("locators.mine", "vocc_torch.receiver.locators.DetectorLocator")).name
+        'detector'
     """
     if plug_in.target.startswith("vocc_torch.") and ships(plug_in.made):
         locator: PanelLocator = plug_in.made

@@ -32,14 +32,14 @@ def locate_several(
             break
         step = torch.tensor([across * shape.columns, down * shape.rows])
         pair = PanelShape((1 + down) * shape.rows, (1 + across) * shape.columns)
-        seen = sure_of(locator.locate(frames[numbers], pair), locator)
+        pairs = sure_of(locator.locate(frames[numbers], pair), locator)
         parts = [found]
         for begin in (0 * step, step):
-            cells = (corner_cells(shape) + begin).to(seen.corners_px)
+            cells = (corner_cells(shape) + begin).to(pairs.corners_px)
             corners = map_points(
-                seen.corners_px, cells.expand(len(seen.score), 4, 2), pair
+                pairs.corners_px, cells.expand(len(pairs.score), 4, 2), pair
             )
-            half = replace(seen, frame=numbers[seen.frame], corners_px=corners)
+            half = replace(pairs, frame=numbers[pairs.frame], corners_px=corners)
             parts.append(half[~_overlaps(half, sure)])
         found = Candidates.cat(parts)
         # In the frames' order, the best of each first.
