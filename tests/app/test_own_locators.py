@@ -99,7 +99,7 @@ def test_own_weights_see_several_panels_and_are_kept(here, photo_bits, monkeypat
 def test_a_locator_from_outside_may_see_several(here, photo_bits):
     rows = decoded(here / "a", "receiver.locator=mine.py:Own", "decode.most=2", *FEW)
     assert [row["bits"] for row in rows] == [photo_bits] * 2
-    grey, shape = np.asarray(Image.open("two.png")), PanelShape(8, 8)
+    grey, shape = np.array(Image.open("two.png")), PanelShape(8, 8)
     own = plugged_locator(PlugIn.of("receiver.locator", "mine.py:Own"))
     assert len(Tracker(own, shape)(grey)) == 2
     assert locator_from(locator_settings(own), ["mine.py"]) == own
