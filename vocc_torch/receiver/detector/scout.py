@@ -287,16 +287,16 @@ def _in_tiles(
     side = tile + 2 * margin
     tiles, places, numbers = [], [], []
     for number, level in enumerate(levels[:large]):
-        row, column = gate(level).unbind(1)
-        high, wide = (-(-length // tile) * tile for length in level.shape)
-        beyond = (wide - level.shape[1], high - level.shape[0])
-        around = (margin, margin + beyond[0], margin, margin + beyond[1])
+        chosen = gate(level) * tile - margin
         mean = int(level[::margin, ::margin].float().mean())
-        canvas = functional.pad(level, around, value=mean)
-        views = canvas.unfold(0, side, tile).unfold(1, side, tile)
-        tiles.append(views[row, column][:, None])
-        places.append(margin - torch.stack([column, row], 1) * tile)
-        numbers.append(torch.full_like(row, number))
+        views = level.new_full((len(chosen), 1, side, side), mean)
+        for view, (top, left) in zip(views, chosen.tolist(), strict=True):
+            part = level[max(top, 0) : top + side, max(left, 0) : left + side]
+            high, wide = part.shape
+            view[0, max(-top, 0) :, max(-left, 0) :][:high, :wide] = part
+        tiles.append(views)
+        places.append(-chosen.flip(1))
+        numbers.append(torch.full_like(chosen[:, 0], number))
     level, inner = torch.cat(numbers), tile // SETTINGS.stride_px
     owner = torch.arange(len(level), device=level.device)[:, None, None]
     edges = (margin // SETTINGS.stride_px,) * 4
