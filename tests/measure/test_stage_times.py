@@ -57,9 +57,11 @@ def test_each_stage_is_the_receivers_own_on_one_batch(make_plan, monkeypatch):
     exposure = Exposure.of(world, scene, keys, preambles=True)
     log = [None]
 
-    def numbered(device, call, *arguments):
-        log.append((arguments, result := call(*arguments)))
-        return result, len(log) - 1
+    def numbered(device, call, *pairs):
+        before, now = ([pair[part] for pair in pairs] for part in (0, 1))
+        assert all(one is not two or one is None for one, two in pairs)
+        log.append((call, now, result := call(*now)))
+        return [call(*before), result], len(log) - 1
 
     monkeypatch.setattr(stage_times, "timed", numbered)
     times = stage_times.time_stages(RECEIVERS, exposure, BATCH, 2, CPU)
@@ -73,24 +75,24 @@ def test_each_stage_is_the_receivers_own_on_one_batch(make_plan, monkeypatch):
         absent = {"locate"} if one.locator is None else set()
         absent |= {"rectify"} if key[1] == "center_greyscale" else set()
         assert set(rounds) - set(did) == absent, key
-        frames = did["read"][1]
+        frames = did["read"][2]
         assert (frames.grey.dtype, len(frames)) == (torch.uint8, BATCH)
-        (measured, panels, patches, _), readings = did["features"]
+        _, (measured, panels, patches), readings = did["features"]
         assert measured is frames
         seen = corners.setdefault(one.locator, panels.corners_px)
         assert seen is panels.corners_px
         if "locate" in did:
-            assert did["locate"][0][0] is frames
-            assert did["locate"][1] is panels
+            assert did["locate"][1][0] is frames
+            assert did["locate"][2] is panels
         if "rectify" in did:
             side = (8 + 2) * one.reader.samples_per_led
-            assert did["rectify"][0] == ([frames], panels)
-            assert did["rectify"][1][0] is patches
+            assert did["rectify"][1] == [[frames], panels]
+            assert did["rectify"][2][0] is patches
             size = BATCH, 1, side, side
             assert (patches.dtype, patches.shape) == (torch.float32, size)
         # What is decided on is what this receiver has measured, on the same batch.
-        (decider, decided, lit), bits = did["classify"]
-        assert (decider.name, decided) == (key[1], readings)
+        call, (decided, lit), bits = did["classify"]
+        assert (call.args[0].name, decided) == (key[1], readings)
         assert (lit is not None) == (key[1] in GREYSCALE)
         assert torch.equal(bits, one.decider.score(readings, lit) >= 0)
         # Two frames of known bits are read and measured for each.

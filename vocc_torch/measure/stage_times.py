@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -121,8 +122,8 @@ def time_stages(
 ) -> dict[str, StageTimes]:
     """Time every stage of every receiver on frames that lie one array each in the host's memory.
 
-    Stages run one after the other, as in a receiver at work. Each call is made twice, and the second one is
-    timed, with the device idle before and done after. Frames are read once a round for all receivers, and a
+    Stages run one after the other, as in a receiver at work. Each is timed right after an untimed call on the
+    batch before, with the device idle before and done after. Frames are read once a round for all receivers, and a
     locator that receivers share looks once. A receiver whose threshold comes from frames of known bits reads
     and measures two frames more for each.
 
@@ -144,30 +145,39 @@ def time_stages(
         for name, receiver in receivers.items()
     }
     rounds: dict[str, list[list[float]]] = {name: [] for name in receivers}
+    number = len(starts)
     for turn in range(1 + repeats):
-        start = starts[turn % len(starts)]
-        rows = slice(start, start + batch)
-        frames, read_s = timed(device, read, exposure.frames[rows], device)
-        lit = [take[rows].to(device) for take in exposure.preambles]
-        found: dict[Any, tuple[Panels, float]] = {}
-        found[None] = exposure.truth[rows].to(device), 0.0
+        # Of each thing a pair: the batch before, and the batch that is timed.
+        begins = [starts[part % number] for part in (turn - 1, turn)]
+        pair = [slice(begin, begin + batch) for begin in begins]
+        hosts = [exposure.frames[rows] for rows in pair]
+        frames, read_s = timed(device, partial(read, device=device), hosts)
+        lit = [[take[rows].to(device) for rows in pair] for take in exposure.preambles]
+        truth = [exposure.truth[rows].to(device) for rows in pair]
+        found: dict[Any, tuple[list[Panels], float]] = {None: (truth, 0.0)}
         for name, (decider, reader, locator) in working.items():
-            needed, patches, preambles = decider.features, None, None
+            needed = decider.features
+            patches: list[Any] = [[None], [None]]
+            preambles: list[Any] = [None, None]
             if locator is not None and locator not in found:
-                found[locator] = timed(device, locator, frames, reader.shape)
+                look = partial(locator, shape=reader.shape)
+                found[locator] = timed(device, look, frames)
             panels, locate_s = found[locator]
             rectify_s = preambles_s = 0.0
             if reader.is_rectified(needed):
-                taken, rectify_s = timed(device, reader.rectify, [frames], panels)
-                (patches,) = taken
-            measured, features_s = timed(
-                device, reader.measure, frames, panels, patches, needed
-            )
+                takes = [[take] for take in frames]
+                patches, rectify_s = timed(device, reader.rectify, takes, panels)
+            measure = partial(reader.measure, needed=needed)
+            taken = [one for (one,) in patches]
+            measured, features_s = timed(device, measure, frames, panels, taken)
             if needs_preambles([decider.name]):
-                greys = (reader.read(take, panels, needed).greys for take in lit)
-                preambles = Preambles(*greys)
+                preambles = [
+                    Preambles(*(reader.read(take, at, needed).greys for take in takes))
+                    for *takes, at in zip(*lit, panels, strict=True)
+                ]
                 preambles_s = 2 * (read_s + rectify_s + features_s)
-            _, classify_s = timed(device, decided, decider, measured, preambles)
+            decide = partial(decided, decider)
+            _, classify_s = timed(device, decide, measured, preambles)
             spent = read_s, locate_s, rectify_s, features_s, classify_s, preambles_s
             rounds[name].append([1e3 / batch * stage_s for stage_s in spent])
     return {
@@ -177,15 +187,16 @@ def time_stages(
 
 
 def timed(
-    device: torch.device, call: Callable[..., R], *arguments: object
-) -> tuple[R, float]:
-    """Make a call twice, and give the result of the second one and how long it took, s."""
-    call(*arguments)
+    device: torch.device, call: Callable[..., R], *pairs: Sequence[Any]
+) -> tuple[list[R], float]:
+    """Call with the first of each pair and with the second: give both results, and the second's time, s."""
+    first, second = zip(*pairs, strict=True)
+    before = call(*first)
     timing.finish(device)
     begin = time.perf_counter()
-    result = call(*arguments)
+    after = call(*second)
     timing.finish(device)
-    return result, time.perf_counter() - begin
+    return [before, after], time.perf_counter() - begin
 
 
 def decided(
