@@ -34,7 +34,7 @@ class DecodeConfig:
             so for cameras and addresses; standard input waits.
         show: show each frame with corners and bits while it is read (extra ``viewer``).
         arithmetic: of the detector's networks: ``float32``, or ``int8``, which takes less time on a CPU
-            (extra ``onnx``).
+            (extra ``onnx``). Null takes the receiver's, float32 of those that ship.
 
     Raises:
         VoccError: an unknown channel, a number out of its range, or another word for ``follow``.
@@ -49,12 +49,13 @@ class DecodeConfig:
     mirror: bool = False
     newest: bool | None = None
     show: bool = False
-    arithmetic: str = "float32"
+    arithmetic: str | None = None
 
     def __post_init__(self) -> None:
         """Check the channel, the numbers and the word."""
         demand_word("decode.channel", self.channel, CHANNELS)
-        demand_word("decode.arithmetic", self.arithmetic, ARITHMETICS)
+        if self.arithmetic is not None:
+            demand_word("decode.arithmetic", self.arithmetic, ARITHMETICS)
         whole_number("decode.scale", self.scale, 1, MOST_SCALE)
         whole_number("decode.most", self.most, 1, MOST_PANELS)
         if self.follow is not None:

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from vocc_torch.boundary import checked
 from vocc_torch.errors import VoccError
-from vocc_torch.receiver.detector.weights import FLOAT32
-from vocc_torch.receiver.locators import DetectorLocator, locator_words
+from vocc_torch.receiver.locators import DetectorLocator, PanelLocator, locator_words
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.receiver.shipped import SHIPPED, shipped_receiver
 from vocc_torch.recordings.frames import RecordedFrame, turned
@@ -36,7 +35,7 @@ def decode(
     turn: int = 0,
     mirror: bool = False,
     false_alarms: float | None = None,
-    arithmetic: str = "float32",
+    arithmetic: str | None = None,
     plug_ins: Sequence[str] = (),
     device: str = "auto",
 ) -> Iterator[Reading]:
@@ -60,7 +59,7 @@ def decode(
         mirror: exchange left and right after turning.
         false_alarms: accept a panel if at most this many false alarms are expected in a frame without one;
             None takes the receiver's.
-        arithmetic: of the detector's networks, as ``decode.arithmetic``.
+        arithmetic: of the detector's networks, as ``decode.arithmetic``; None takes the receiver's.
         plug_ins: Python files and packages whose code the model may run.
         device: ``auto``, ``cpu`` or ``cuda``.
 
@@ -195,10 +194,12 @@ def readings_of(
         is_live: whether each frame is read as it arrives, and the panel followed.
 
     Raises:
-        VoccError: colours that cannot be separated, several panels of a locator that sees one, or int8 for a
-            locator without networks.
+        VoccError: colours that cannot be separated, several panels of a locator that sees one, or an
+            arithmetic for a locator without networks.
     """
-    receiver = in_arithmetic(receiver, config.arithmetic)
+    if config.arithmetic is not None:
+        receiver = copy(receiver)
+        receiver.locator = computing(receiver.locator, config.arithmetic)
     recording, text, lights = in_channel(receiver, recording, config.channel)
     follow = config.follow or str(is_live).lower()
     at_once = 1 if is_live else 64
@@ -206,22 +207,17 @@ def readings_of(
     return found, text
 
 
-def in_arithmetic(receiver: Receiver, arithmetic: str) -> Receiver:
-    """Give a receiver whose detector computes so; the given one stays as it is.
+def computing(locator: PanelLocator | None, arithmetic: str) -> DetectorLocator:
+    """Give a detector that computes so.
 
     Raises:
-        VoccError: another locator, and another arithmetic than float32.
+        VoccError: a locator without networks, or networks that cannot be had so.
     """
-    locator = receiver.locator
     if not isinstance(locator, DetectorLocator):
-        if arithmetic != FLOAT32:
-            name, _ = locator_words(locator)
-            rule = f"float32 for a receiver whose locator is {name}"
-            raise VoccError.of("decode.arithmetic", arithmetic, rule)
-        return receiver
-    changed = copy(receiver)
-    changed.locator = replace(locator, arithmetic=arithmetic)
-    changed.locator.check()
+        rule = "null: only the detector has networks"
+        raise VoccError.of("decode.arithmetic", arithmetic, rule)
+    changed = replace(locator, arithmetic=arithmetic)
+    changed.check()
     return changed
 
 

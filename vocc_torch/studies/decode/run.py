@@ -37,7 +37,7 @@ from vocc_torch.report.folder import (
 from vocc_torch.report.progress import ProgressView
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.album import Album
-from vocc_torch.studies.decode.decoder import readings_of, sized_receiver
+from vocc_torch.studies.decode.decoder import computing, readings_of, sized_receiver
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, demand_several
 from vocc_torch.studies.decode.summary import Summary
 from vocc_torch.studies.decode.viewer import Viewer
@@ -194,6 +194,8 @@ def readings_for(
         plan = build_plan(settings)
         finder = plan.receiver.finder
         demand_several(finder, config.most)
+        if config.arithmetic is not None:
+            computing(finder, config.arithmetic)
         at_truth = finder is not None and finder.finds_several
         receiver = receiver_of(settings, plan, at_truth=at_truth)
     else:
