@@ -100,3 +100,32 @@ def test_each_stage_is_the_receivers_own_on_one_batch(make_plan, monkeypatch):
         assert twice == pytest.approx(2 * measuring * (key[1] in GREYSCALE))
     for a, b in itertools.combinations(corners.values(), 2):
         assert not torch.equal(a, b)
+
+
+def test_the_call_on_the_second_batch_is_timed(monkeypatch):
+    """By a clock that the call itself moves on."""
+    now = [0.0]
+    monkeypatch.setattr(stage_times.time, "perf_counter", lambda: now[0])
+
+    def call(spent, answer):
+        now[0] += spent
+        return answer
+
+    found = stage_times.timed(CPU, call, (1.0, 10.0), ("before", "after"))
+    assert found == (["before", "after"], 10.0)
+
+
+def test_the_first_round_is_left_out(make_plan, monkeypatch):
+    world = make_plan(camera=Camera(width_px=480, height_px=272)).world
+    keys = link.block_keys(0, "timed", 64)
+    exposure = Exposure.of(world, world.scene, keys, preambles=False)
+    ticks = itertools.count()
+
+    def numbered(device, call, *pairs):
+        return [call(*part) for part in zip(*pairs, strict=True)], next(ticks)
+
+    monkeypatch.setattr(stage_times, "timed", numbered)
+    receivers = {"otsu": RECEIVERS["truth", "otsu"]}
+    times = stage_times.time_stages(receivers, exposure, 8, 3, CPU)
+    reads = times["otsu"].rounds_ms["read"] * 8 / 1e3
+    assert reads.tolist() == [4, 8, 12]

@@ -85,10 +85,17 @@ def test_graphs_of_ones_own_weights_lie_beside_them(tmp_path, photo, photo_bits)
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (lambda path: path.unlink(), "is missing"),
+        (lambda path: path.unlink(), "cannot be read"),
         (lambda path: path.write_bytes(path.read_bytes()[:9000]), "holds no graph"),
         (lambda path: path.write_bytes(b""), "holds no graph"),
-        (lambda path: with_digest(path, "0" * 16), "is not of the weights"),
+        (
+            lambda path: with_origin(path, "judge 0123456789abcdef"),
+            "is not of the judge",
+        ),
+        (
+            lambda path: shutil.copy(path.with_name("detector.placer.onnx"), path),
+            "is not of the judge in detector.json",
+        ),
     ],
 )
 def test_other_graphs_are_refused(damage, words, tmp_path):
@@ -99,9 +106,9 @@ def test_other_graphs_are_refused(damage, words, tmp_path):
     assert "detector.judge.onnx" in str(refused.value)
 
 
-def with_digest(path, digest):
+def with_origin(path, origin):
     model = onnx.load(path)
-    onnx.helper.set_model_props(model, {graphs.WEIGHTS: digest})
+    onnx.helper.set_model_props(model, {graphs.MADE_OF: origin})
     onnx.save(model, path)
 
 
@@ -120,8 +127,13 @@ def test_a_graph_reads_no_other_file(tmp_path):
 
 
 def test_int8_is_for_cpus():
-    with pytest.raises(VoccError, match="cpu with arithmetic int8"):
+    with pytest.raises(VoccError, match="give device=cpu"):
         load_networks(None, torch.device("cuda"), "int8")
+
+
+def test_weights_that_are_not_there_are_named(tmp_path):
+    with pytest.raises(VoccError, match=r"nope\.json"):
+        DetectorLocator(str(tmp_path / "nope.json"), arithmetic="int8").check()
 
 
 def test_a_missing_package_is_named(monkeypatch):
@@ -159,5 +171,5 @@ def test_an_arithmetic_that_is_not_there_is_refused(photo):
     receiver = shipped_receiver("street")
     receiver.locator = PaperLocator()
     for kind in ("int8", "float32"):
-        with pytest.raises(VoccError, match="must be null: only the detector has"):
+        with pytest.raises(VoccError, match="leave it out, because"):
             list(vt.decode(photo, receiver, arithmetic=kind))

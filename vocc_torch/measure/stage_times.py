@@ -155,7 +155,9 @@ def time_stages(
         lit = [[take[rows].to(device) for rows in pair] for take in exposure.preambles]
         truth = [exposure.truth[rows].to(device) for rows in pair]
         found: dict[Any, tuple[list[Panels], float]] = {None: (truth, 0.0)}
-        for name, (decider, reader, locator) in working.items():
+        # Every second round goes backwards: what comes before disturbs all alike.
+        order = list(working.items())[:: -1 if turn % 2 else 1]
+        for name, (decider, reader, locator) in order:
             needed = decider.features
             patches: list[Any] = [[None], [None]]
             preambles: list[Any] = [None, None]

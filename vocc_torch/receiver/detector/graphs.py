@@ -13,13 +13,13 @@ import torch
 from torch import Tensor, nn
 
 from vocc_torch.errors import VoccError
-from vocc_torch.files import atomic_file, file_digest
+from vocc_torch.files import atomic_file, file_digest, ordinary_file
 
 ROUNDED = ("Conv", "Add", "Relu", "Resize")
 """Operations in 8 bits. The others take as long in float32."""
 
-WEIGHTS = "weights"
-"""The entry of a graph's metadata that holds the digest of its file of weights."""
+MADE_OF = "made_of"
+"""The entry of a graph's metadata that names the network and the digest of its file of weights."""
 
 
 def demand_packages(*names: str) -> None:
@@ -40,8 +40,13 @@ def graph_path(weights: Path, part: str) -> Path:
     return weights.with_suffix(f".{part}.onnx")
 
 
+def origin(weights: Path, part: str) -> str:
+    """Say of which network and weights a graph is."""
+    return f"{part} {file_digest(weights)}"
+
+
 class Graph(nn.Module):
-    """A network whose graph onnxruntime runs, on as many threads as torch takes.
+    """A network whose graph onnxruntime runs, on as many threads as torch takes when it is loaded.
 
     Args:
         weights: the file of weights that the graph is of and lies beside.
@@ -53,28 +58,26 @@ class Graph(nn.Module):
 
     def __init__(self, weights: Path, part: str) -> None:
         super().__init__()
-        path = graph_path(weights, part)
         demand_packages("onnxruntime")
         import onnxruntime
 
+        path, wanted = graph_path(weights, part), origin(weights, part)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = torch.get_num_threads()
+        with ordinary_file(path) as file:
+            content = file.read()
         # Bytes, unlike a path, let a graph refer to no other file.
         try:
             self.session = onnxruntime.InferenceSession(
-                path.read_bytes(), options, providers=["CPUExecutionProvider"]
+                content, options, providers=["CPUExecutionProvider"]
             )
-        except OSError:
-            raise VoccError(
-                f"{path} is missing: task=train_detector writes it"
-            ) from None
-        except Exception:
-            raise VoccError(
-                f"{path} holds no graph: train the detector again"
-            ) from None
-        made_of = self.session.get_modelmeta().custom_metadata_map.get(WEIGHTS)
-        if made_of != file_digest(weights):
-            raise VoccError(f"{path} is not of the weights beside it: train them again")
+        except Exception as error:  # of kinds that have nothing else in common
+            rule = "holds no graph: train the detector again"
+            raise VoccError(f"{path} {rule} ({type(error).__name__})") from None
+        made_of = self.session.get_modelmeta().custom_metadata_map.get(MADE_OF)
+        if made_of != wanted:
+            rule = f"is not of the {part} in {weights.name}: train the detector again"
+            raise VoccError(f"{path} {rule}")
         self.names = [given.name for given in self.session.get_inputs()]
 
     def forward(self, *given: Tensor) -> Any:
@@ -125,7 +128,7 @@ def write_graphs(
             del node.metadata_props[:]
         del model.graph.value_info[:]
         del model.graph.metadata_props[:]
-        onnx.helper.set_model_props(model, {WEIGHTS: file_digest(weights)})
+        onnx.helper.set_model_props(model, {MADE_OF: origin(weights, part)})
         with atomic_file(graph_path(weights, part)) as temporary:
             temporary.write_bytes(model.SerializeToString())
 

@@ -77,7 +77,9 @@ def load_networks(
             return load_networks(shipped, device, arithmetic)
     if arithmetic == INT8:
         if device.type != "cpu":
-            raise VoccError.of("device", device, "cpu with arithmetic int8")
+            raise VoccError(
+                f"arithmetic int8 is for CPUs, and this is {device}: give device=cpu"
+            )
         return Networks(**{part: Graph(path, part) for part in PARTS})
     settings, state = read_model(
         path, "weights", "a file that task=train_detector wrote"

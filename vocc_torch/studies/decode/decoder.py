@@ -7,6 +7,8 @@ from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
 
+import torch
+
 from vocc_torch.boundary import checked
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.locators import DetectorLocator, PanelLocator, locator_words
@@ -91,7 +93,7 @@ def decode(
     recording = readable(read_source(source, config.first_channel), failures)
     recording = turned(recording, turn, mirror)
     receiver, recording, choice = sized_receiver(
-        recording, model, rows, columns, plug_ins, false_alarms, device
+        recording, model, rows, columns, plug_ins, false_alarms, arithmetic, device
     )
     if choice is not None and not choice.is_sure:
         warnings.warn(str(choice), stacklevel=2)
@@ -114,6 +116,7 @@ def sized_receiver(
     columns: int | str | None,
     plug_ins: Sequence[str] = (),
     false_alarms: float | None = None,
+    arithmetic: str | None = None,
     device: str = "cpu",
 ) -> tuple[Receiver, Iterator[RecordedFrame], ShapeChoice | None]:
     """Take a receiver, load one from a file, or take one that ships, for a panel of these rows and columns.
@@ -125,6 +128,7 @@ def sized_receiver(
         columns: likewise.
         plug_ins: files of code that a file may name.
         false_alarms: of its locator in a frame without a panel; None takes the receiver's.
+        arithmetic: of its detector; None takes the receiver's. The shape is found in float32.
         device: where it is put.
 
     Returns:
@@ -134,7 +138,9 @@ def sized_receiver(
         VoccError: a model that cannot be read or is for another panel, a locator without such a rate, or a
             shape to be found by a receiver that does not ship or that no usual panel has.
     """
-    choice, name = None, str(model)
+    choice, name, place = None, str(model), resolve_device(device)
+    if arithmetic is not None and name in SHIPPED:
+        computing(shipped_receiver(name).locator, arithmetic, place)
     if AUTO in (rows, columns):
         if name not in SHIPPED:
             rule = "a whole number for a receiver that does not ship"
@@ -167,8 +173,12 @@ def sized_receiver(
                 f"receiver.false_alarms is {false_alarms}: only detector states them,"
                 f" and the model's locator is {locator_words(receiver.locator)[0]}"
             )
+        receiver = copy(receiver)
         receiver.locator = receiver.locator.at_rate(false_alarms)
-    return receiver.to(resolve_device(device)), recording, choice
+    if arithmetic is not None:
+        receiver = copy(receiver)
+        receiver.locator = computing(receiver.locator, arithmetic, place)
+    return receiver.to(place), recording, choice
 
 
 def looked_ahead(
@@ -194,12 +204,8 @@ def readings_of(
         is_live: whether each frame is read as it arrives, and the panel followed.
 
     Raises:
-        VoccError: colours that cannot be separated, several panels of a locator that sees one, or an
-            arithmetic for a locator without networks.
+        VoccError: colours that cannot be separated, or several panels of a locator that sees one.
     """
-    if config.arithmetic is not None:
-        receiver = copy(receiver)
-        receiver.locator = computing(receiver.locator, config.arithmetic)
     recording, text, lights = in_channel(receiver, recording, config.channel)
     follow = config.follow or str(is_live).lower()
     at_once = 1 if is_live else 64
@@ -207,17 +213,19 @@ def readings_of(
     return found, text
 
 
-def computing(locator: PanelLocator | None, arithmetic: str) -> DetectorLocator:
+def computing(
+    locator: PanelLocator | None, arithmetic: str, device: torch.device
+) -> DetectorLocator:
     """Give a detector that computes so.
 
     Raises:
-        VoccError: a locator without networks, or networks that cannot be had so.
+        VoccError: a locator without networks, or networks that cannot be had so on the device.
     """
     if not isinstance(locator, DetectorLocator):
-        rule = "null: only the detector has networks"
-        raise VoccError.of("decode.arithmetic", arithmetic, rule)
+        rule = "leave it out, because the receiver's locator has no networks"
+        raise VoccError(f"decode.arithmetic is {arithmetic}: {rule}")
     changed = replace(locator, arithmetic=arithmetic)
-    changed.check()
+    changed.networks(device)
     return changed
 
 

@@ -41,6 +41,7 @@ from vocc_torch.studies.decode.decoder import computing, readings_of, sized_rece
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, demand_several
 from vocc_torch.studies.decode.summary import Summary
 from vocc_torch.studies.decode.viewer import Viewer
+from vocc_torch.types import resolve_device
 
 if TYPE_CHECKING:
     from vocc_torch.measure.plan import Plan
@@ -195,14 +196,24 @@ def readings_for(
         finder = plan.receiver.finder
         demand_several(finder, config.most)
         if config.arithmetic is not None:
-            computing(finder, config.arithmetic)
+            # Refused before a training.
+            place = resolve_device(settings.device)
+            changed = computing(finder, config.arithmetic, place)
         at_truth = finder is not None and finder.finds_several
         receiver = receiver_of(settings, plan, at_truth=at_truth)
+        if config.arithmetic is not None:
+            receiver.locator = changed
     else:
         rate, panel = settings.receiver.false_alarms, vars(settings.panel)
         sides = panel["rows"], panel["columns"]
         receiver, recording, choice = sized_receiver(
-            recording, settings.model, *sides, settings.plug_ins, rate, settings.device
+            recording,
+            settings.model,
+            *sides,
+            settings.plug_ins,
+            rate,
+            config.arithmetic,
+            settings.device,
         )
         if choice is not None:
             say(console, str(choice))

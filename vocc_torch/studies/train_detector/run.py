@@ -41,6 +41,8 @@ POOL, CHECKPOINTS = "frames", "checkpoints"
 """Folders of a run: rendered frames, and trainings that were interrupted."""
 
 
+CPU = torch.device("cpu")
+
 MOST_SEED = 1 << 40
 """Largest seed: a step's own is a million times as large, and torch takes 64 bits."""
 
@@ -57,7 +59,7 @@ class LearningSettings:
     decay: float = 1e-3  # of weights
     most_gradient: float = 5.0
     newest: float = 2e-3  # share of the newest weights in their moving mean
-    int8_frames: int = 240  # that set the ranges of the graphs of 8 bits
+    int8_frames: int = 64  # that set the ranges of the graphs of 8 bits
 
 
 SETTINGS = LearningSettings()
@@ -84,7 +86,7 @@ def run_train_detector(
     for part in PARTS:
         steps = getattr(own, f"{part}_steps")
         train_part(part, pool, place, settings.seed, steps, own.batch, console)
-    networks = current(place, torch.device("cpu"))
+    networks = current(place, CPU)
     networks.save(folder / SHIPPED)
     run_folder.print_places(console, folder, [("weights", SHIPPED)])
     try:
@@ -99,24 +101,22 @@ def write_int8(weights: Path, pool: Pool) -> None:
     Raises:
         VoccError: a package of the extra ``onnx`` is missing.
     """
-    nets = load_networks(weights, torch.device("cpu"))
+    # Read anew: the path may have held others.
+    nets, exact = (load_networks.__wrapped__(weights, CPU) for _ in range(2))
     looks: dict[str, list[tuple[Tensor, ...]]] = {part: [] for part in PARTS}
 
     def keep(part: str) -> Callable[[nn.Module, tuple[Tensor, ...]], None]:
         return lambda _, given: looks[part].append(given)
 
-    hooks = [
-        getattr(nets, part).register_forward_pre_hook(keep(part)) for part in PARTS
-    ]
+    for part in PARTS:
+        getattr(nets, part).register_forward_pre_hook(keep(part))
     chosen = torch.linspace(0, len(pool.shapes) - 1, SETTINGS.int8_frames).long()
     high, wide = pool.sizes[0]
     with torch.no_grad():
         for row, sides in zip(chosen, pool.sought[chosen].tolist(), strict=True):
             grey = pool.atlases[row : row + 1, None, :high, :wide].cpu()
             candidates(nets, Pyramid.of(grey), PanelShape(*sides))
-    for hook in hooks:
-        hook.remove()
-    write_graphs(nets.parts(), looks, weights)
+    write_graphs(exact.parts(), looks, weights)
 
 
 def current(folder: Path, device: torch.device) -> Networks:
