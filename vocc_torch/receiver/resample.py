@@ -125,7 +125,7 @@ def _homography(corners: Tensor, shape: PanelShape) -> Tensor:
     longest = side.square().sum(2).amax(1)
     least = SETTINGS.flat_px2 + SETTINGS.flat_share * longest
     convex = (turn.amin(1) > least) | (turn.amax(1) < -least)
-    # A corner's share of the plane at infinity goes with the triangle of the three others.
+    # A corner's homogeneous weight goes with the area of the triangle of the three others.
     weight = turn / torch.where(convex, turn[:, 1], 1.0)[:, None]
     first, second, _, fourth = nn.functional.pad(corners, (0, 1), value=1.0).unbind(1)
     to_x = (weight[:, 2:3] * second - first) * (1 / shape.columns)

@@ -41,7 +41,7 @@ def graph_path(weights: Path, part: str) -> Path:
 
 
 def origin(weights: Path, part: str) -> str:
-    """Say of which network and weights a graph is."""
+    """Name a network and the digest of its weights, as a graph's metadata do."""
     return f"{part} {file_digest(weights)}"
 
 
@@ -71,7 +71,7 @@ class Graph(nn.Module):
             self.session = onnxruntime.InferenceSession(
                 content, options, providers=["CPUExecutionProvider"]
             )
-        except Exception as error:  # of kinds that have nothing else in common
+        except Exception as error:  # onnxruntime's errors have no class in common
             rule = "holds no graph: train the detector again"
             raise VoccError(f"{path} {rule} ({type(error).__name__})") from None
         made_of = self.session.get_modelmeta().custom_metadata_map.get(MADE_OF)
@@ -81,7 +81,7 @@ class Graph(nn.Module):
         self.names = [given.name for given in self.session.get_inputs()]
 
     def forward(self, *given: Tensor) -> Any:
-        """Give what the network gives, of the same tensors."""
+        """Compute the network's outputs."""
         fed = {
             name: tensor.float().numpy()
             for name, tensor in zip(self.names, given, strict=True)
@@ -99,7 +99,7 @@ def write_graphs(
 
     Args:
         nets: by their names, on the CPU.
-        looks: what each network is given; the values set the ranges of the 8 bits.
+        looks: inputs of each network; the values inside the network set the ranges of the 8 bits.
         weights: the file of the networks' weights.
 
     Raises:
@@ -123,7 +123,7 @@ def write_graphs(
                 weight_type=QuantType.QInt8,
             )
             model = onnx.load(rounded)
-        # Where in the source an operation stands is left out.
+        # Metadata of operations would name source files of this machine.
         for node in model.graph.node:
             del node.metadata_props[:]
         del model.graph.value_info[:]
@@ -135,7 +135,7 @@ def write_graphs(
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep back what the libraries say of graphs in general."""
+    """Hide the libraries' warnings about graphs."""
     disabled = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:
@@ -147,7 +147,7 @@ def _quiet() -> Iterator[None]:
 
 
 class _Looks:
-    """What is given to a network, one after the other, for onnxruntime's quantisation."""
+    """Inputs of a network, one after the other, as onnxruntime's quantisation reads them."""
 
     def __init__(self, names: list[str], looks: Sequence[tuple[Tensor, ...]]) -> None:
         self.fed = iter(
@@ -159,7 +159,7 @@ class _Looks:
         )
 
     def get_next(self) -> Mapping[str, Any] | None:
-        """Give the next."""
+        """Give the next inputs by name, or None at the end."""
         return next(self.fed, None)
 
 
@@ -173,7 +173,7 @@ def _write_plain(net: nn.Module, look: tuple[Tensor, ...], path: Path) -> list[s
         | ({0: count} if number == 0 else {})
         for number, given in enumerate(look)
     ]
-    # A single one of a kind would stay single in the graph.
+    # A batch of one would become a constant of the graph.
     several = torch.cat([look[0], look[0]]).float()
     floats = (several, *(given.float() for given in look[1:]))
     with torch.no_grad():

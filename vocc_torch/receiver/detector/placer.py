@@ -74,9 +74,11 @@ class Placer(nn.Module):
         )
 
     def forward(self, patches: Tensor) -> tuple[Tensor, Tensor]:
-        """Score patches (n,(R+2M)K,(C+2M)K) of candidates, (n,) logits, and say of each cell (n,3,R+2M,C+2M).
+        """Score patches (n,(R+2M)K,(C+2M)K) of candidates.
 
-        A cell has its move across and down, cells, and the logarithm of how sure it is.
+        Returns:
+            (n,) logits, and (n,3,R+2M,C+2M) three numbers for each cell: how far it lies from the true one across
+            and down, cells, and the logarithm of how sure that is.
         """
         light = standardised(patches, SETTINGS.grain, SETTINGS.most)
         cells = functional.pixel_unshuffle(light[:, None], SETTINGS.samples)
@@ -93,9 +95,13 @@ def _pooled(state: Tensor) -> Tensor:
 
 
 def corner_moves(cells: Tensor, shape: PanelShape) -> Tensor:
-    """Join what cells (n,3,R+2M,C+2M) say by least squares to moves of the four corners (n,4,2), cells.
+    """Join the moves of cells by least squares to moves of the four corners (n,4,2), cells.
 
-    They are a shift, stretches and a shear along the panel's axes.
+    The moves of the corners are a shift, stretches and a shear along the panel's axes.
+
+    Args:
+        cells: (n,3,R+2M,C+2M), as :meth:`Placer.forward` gives them.
+        shape: rows R and columns C.
 
     Example:
         >>> cells = torch.tensor([1.0, 1.0, 5.0])[None, :, None, None].expand(1, 3, 6, 4)
@@ -103,8 +109,8 @@ def corner_moves(cells: Tensor, shape: PanelShape) -> Tensor:
         True
     """
     fields, corners, ridge = _fields(shape, cells.device)
-    said = cells.flatten(2)
-    off, sure = said[:, :2].mT, said[:, 2]
+    across, down, sure = cells.flatten(2).unbind(1)
+    off = torch.stack([across, down], 2)
     weight = sure.clamp(max=SETTINGS.most_weight).exp()[..., None] * fields
     gram = weight.mT @ fields + ridge
     moves: Tensor = corners @ torch.linalg.solve(gram, weight.mT @ off)

@@ -216,7 +216,7 @@ def gate(plane: Tensor) -> Tensor:
     lines = plane[:high, :wide].reshape(high // 4, 4, wide)
     most = torch.maximum(lines[:, 0], lines[:, 1])
     least = torch.minimum(lines[:, 0], lines[:, 1])
-    # Ranges of all neighbours take less time than those of every other one.
+    # Ranges of all pairs of neighbours take less time than those of every other pair.
     spread = torch.maximum(most[:, :-1], most[:, 1:])
     spread -= torch.minimum(least[:, :-1], least[:, 1:])
     spread = (spread[:, ::2].float() + SETTINGS.grain).log_()

@@ -139,8 +139,15 @@ def sized_receiver(
             shape to be found by a receiver that does not ship or that no usual panel has.
     """
     choice, name, place = None, str(model), resolve_device(device)
-    if arithmetic is not None and name in SHIPPED:
-        computing(shipped_receiver(name).locator, arithmetic, place)
+    if isinstance(model, Receiver):
+        receiver = model
+    elif name in SHIPPED:
+        receiver = shipped_receiver(name)
+    else:
+        receiver = Receiver.load(model, plug_ins)
+    if arithmetic is not None:
+        receiver = copy(receiver)
+        receiver.locator = with_arithmetic(receiver.locator, arithmetic, place)
     if AUTO in (rows, columns):
         if name not in SHIPPED:
             rule = "a whole number for a receiver that does not ship"
@@ -149,12 +156,6 @@ def sized_receiver(
         greys = [frame.grey for frame in first]
         choice = find_shape(name, greys, rows or AUTO, columns or AUTO)
         rows, columns = choice.shape.sides
-    if isinstance(model, Receiver):
-        receiver = model
-    elif name in SHIPPED:
-        receiver = shipped_receiver(name)
-    else:
-        receiver = Receiver.load(model, plug_ins)
     has = receiver.shape
     rows = has.rows if rows is None else rows
     columns = has.columns if columns is None else columns
@@ -175,9 +176,6 @@ def sized_receiver(
             )
         receiver = copy(receiver)
         receiver.locator = receiver.locator.at_rate(false_alarms)
-    if arithmetic is not None:
-        receiver = copy(receiver)
-        receiver.locator = computing(receiver.locator, arithmetic, place)
     return receiver.to(place), recording, choice
 
 
@@ -213,13 +211,13 @@ def readings_of(
     return found, text
 
 
-def computing(
+def with_arithmetic(
     locator: PanelLocator | None, arithmetic: str, device: torch.device
 ) -> DetectorLocator:
-    """Give a detector that computes so.
+    """Give the detector with its networks in another arithmetic.
 
     Raises:
-        VoccError: a locator without networks, or networks that cannot be had so on the device.
+        VoccError: a locator without networks, or an arithmetic that the device or the installed packages lack.
     """
     if not isinstance(locator, DetectorLocator):
         rule = "leave it out, because the receiver's locator has no networks"

@@ -37,7 +37,11 @@ from vocc_torch.report.folder import (
 from vocc_torch.report.progress import ProgressView
 from vocc_torch.studies.decode import DecodeConfig
 from vocc_torch.studies.decode.album import Album
-from vocc_torch.studies.decode.decoder import computing, readings_of, sized_receiver
+from vocc_torch.studies.decode.decoder import (
+    readings_of,
+    sized_receiver,
+    with_arithmetic,
+)
 from vocc_torch.studies.decode.reading import COLUMNS, Reading, demand_several
 from vocc_torch.studies.decode.summary import Summary
 from vocc_torch.studies.decode.viewer import Viewer
@@ -198,7 +202,7 @@ def readings_for(
         if config.arithmetic is not None:
             # Refused before a training.
             place = resolve_device(settings.device)
-            changed = computing(finder, config.arithmetic, place)
+            changed = with_arithmetic(finder, config.arithmetic, place)
         at_truth = finder is not None and finder.finds_several
         receiver = receiver_of(settings, plan, at_truth=at_truth)
         if config.arithmetic is not None:

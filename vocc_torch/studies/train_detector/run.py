@@ -101,7 +101,7 @@ def write_int8(weights: Path, pool: Pool) -> None:
     Raises:
         VoccError: a package of the extra ``onnx`` is missing.
     """
-    # Read anew: the path may have held others.
+    # Read from the file, not from the cache: the path may have held other weights.
     nets, exact = (load_networks.__wrapped__(weights, CPU) for _ in range(2))
     looks: dict[str, list[tuple[Tensor, ...]]] = {part: [] for part in PARTS}
 
