@@ -145,47 +145,84 @@ def time_stages(
         for name, receiver in receivers.items()
     }
     rounds: dict[str, list[list[float]]] = {name: [] for name in receivers}
-    number = len(starts)
     for turn in range(1 + repeats):
-        # Of each thing a pair: the batch before, and the batch that is timed.
-        begins = [starts[part % number] for part in (turn - 1, turn)]
-        pair = [slice(begin, begin + batch) for begin in begins]
-        hosts = [exposure.frames[rows] for rows in pair]
-        frames, read_s = timed(device, partial(read, device=device), hosts)
-        lit = [[take[rows].to(device) for rows in pair] for take in exposure.preambles]
-        truth = [exposure.truth[rows].to(device) for rows in pair]
-        found: dict[Any, tuple[list[Panels], float]] = {None: (truth, 0.0)}
+        # The batch before, and the batch that is timed.
+        begins = [starts[part % len(starts)] for part in (turn - 1, turn)]
+        seen = Round.of(
+            exposure, [slice(begin, begin + batch) for begin in begins], device
+        )
         # Every second round goes backwards: what comes before disturbs all alike.
-        order = list(working.items())[:: -1 if turn % 2 else 1]
-        for name, (decider, reader, locator) in order:
-            needed = decider.features
-            patches: list[Any] = [[None], [None]]
-            preambles: list[Any] = [None, None]
-            if locator is not None and locator not in found:
-                look = partial(locator, shape=reader.shape)
-                found[locator] = timed(device, look, frames)
-            panels, locate_s = found[locator]
-            rectify_s = preambles_s = 0.0
-            if reader.is_rectified(needed):
-                takes = [[take] for take in frames]
-                patches, rectify_s = timed(device, reader.rectify, takes, panels)
-            measure = partial(reader.measure, needed=needed)
-            taken = [one for (one,) in patches]
-            measured, features_s = timed(device, measure, frames, panels, taken)
-            if needs_preambles([decider.name]):
-                preambles = [
-                    Preambles(*(reader.read(take, at, needed).greys for take in takes))
-                    for *takes, at in zip(*lit, panels, strict=True)
-                ]
-                preambles_s = 2 * (read_s + rectify_s + features_s)
-            decide = partial(decided, decider)
-            _, classify_s = timed(device, decide, measured, preambles)
-            spent = read_s, locate_s, rectify_s, features_s, classify_s, preambles_s
-            rounds[name].append([1e3 / batch * stage_s for stage_s in spent])
+        for name, receiver in list(working.items())[:: -1 if turn % 2 else 1]:
+            rounds[name].append([1e3 / batch * spent for spent in seen.spent(receiver)])
     return {
         name: StageTimes(dict(zip(STAGES, np.transpose(times[1:]), strict=True)))
         for name, times in rounds.items()
     }
+
+
+@dataclass(frozen=True)
+class Round:
+    """Two batches on the receivers' device: the batch before, and the batch that is timed.
+
+    Args:
+        device: the receivers'.
+        frames: of both.
+        read_s: time to copy the second.
+        lit: the preambles of both, or nothing.
+        truth: panels of both.
+        found: panels of both, and the time to find those of the second, by locator.
+    """
+
+    device: torch.device
+    frames: list[Frames]
+    read_s: float
+    lit: list[list[Frames]]
+    truth: list[Panels]
+    found: dict[PanelLocator, tuple[list[Panels], float]]
+
+    @classmethod
+    def of(cls, exposure: Exposure, pair: list[slice], device: torch.device) -> Self:
+        """Copy both batches to the device."""
+        hosts = [exposure.frames[rows] for rows in pair]
+        frames, read_s = timed(device, partial(read, device=device), hosts)
+        lit = [[take[rows].to(device) for rows in pair] for take in exposure.preambles]
+        truth = [exposure.truth[rows].to(device) for rows in pair]
+        return cls(device, frames, read_s, lit, truth, {})
+
+    def spent(self, receiver: TimedReceiver) -> tuple[float, ...]:
+        """Decode both batches; give the time in each of ``STAGES`` for the second, s."""
+        decider, reader, _ = receiver
+        timed_here = partial(timed, self.device)
+        panels, locate_s = self.located(receiver)
+        patches: list[Any] = [None, None]
+        rectify_s = preambles_s = 0.0
+        if reader.is_rectified(decider.features):
+            takes = [[take] for take in self.frames]
+            read_patches, rectify_s = timed_here(reader.rectify, takes, panels)
+            patches = [one for (one,) in read_patches]
+        measure = partial(reader.measure, needed=decider.features)
+        measured, features_s = timed_here(measure, self.frames, panels, patches)
+        preambles: list[Preambles | None] = [None, None]
+        if needs_preambles([decider.name]):
+            preambles = [
+                Preambles(
+                    *(reader.read(take, at, decider.features).greys for take in takes)
+                )
+                for *takes, at in zip(*self.lit, panels, strict=True)
+            ]
+            preambles_s = 2 * (self.read_s + rectify_s + features_s)
+        _, classify_s = timed_here(partial(decided, decider), measured, preambles)
+        return self.read_s, locate_s, rectify_s, features_s, classify_s, preambles_s
+
+    def located(self, receiver: TimedReceiver) -> tuple[list[Panels], float]:
+        """Find the panels of both batches; a locator that receivers share looks once."""
+        locator = receiver.locator
+        if locator is None:
+            return self.truth, 0.0
+        if locator not in self.found:
+            look = partial(locator, shape=receiver.reader.shape)
+            self.found[locator] = timed(self.device, look, self.frames)
+        return self.found[locator]
 
 
 def timed(
