@@ -6,9 +6,7 @@ from made_up_dimming import AMBIENT, BITS, LUMINANCE, paper_like_grid
 from run_files import rows_of
 
 from vocc_torch.measure.grid import best_luminance
-from vocc_torch.report.heatmap import (
-    dimming_figure,
-)
+from vocc_torch.report.heatmap import BEST_AT, dimming_figure
 from vocc_torch.report.rate_tables import write_grid
 from vocc_torch.report.styles import rate_or_limit, receiver_styles
 
@@ -41,6 +39,15 @@ def test_each_map_has_its_receivers_rates_at_their_places(grid):
         }
         for (row, column), rate in np.ndenumerate(rates):
             assert texts[row, column] == rate_or_limit(rate, limits[row, column])
+        dots, line = (drawn.get_xydata() - [0.5, BEST_AT] for drawn in axes.lines)
+        best = best_luminance(grid, name)
+        assert {tuple(at) for at in dots.round(9)} == {
+            (column, LUMINANCE.index(one))
+            for column, at in enumerate(best)
+            for one in at.candidates_cd_m2
+        }
+        middle = [np.mean([*map(LUMINANCE.index, at.least_cd_m2)]) for at in best]
+        np.testing.assert_allclose(line, [*enumerate(middle)], atol=1e-9)
     assert [text.get_text() for text in maps[0].get_yticklabels()] == [
         f"{value:g}" for value in LUMINANCE
     ]

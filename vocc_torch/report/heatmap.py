@@ -17,6 +17,8 @@ NO_ERRORS = "#F4F4F2"
 """Colour of a cell without errors."""
 DARK = 0.55
 """Share of the scale of colours below which words are white."""
+BEST_AT = 0.7
+"""Height of the best luminance's marker in a cell, as a share of it."""
 _MAP = colormaps["viridis"].with_extremes(bad=NO_ERRORS)
 
 
@@ -109,7 +111,7 @@ def draw_matrix(axes: Axes, matrix: Matrix, norm: colors.LogNorm) -> None:
 def dimming_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
     """Draw each receiver's bit error rates as a heat map with the best luminance for each ambient light.
 
-    A cell without errors is pale and has its limit for a number. A bar spans the luminances that cannot be
+    A cell without errors is pale and has its limit for a number. Small dots mark the luminances that cannot be
     told from the best.
 
     Args:
@@ -140,7 +142,7 @@ def dimming_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
     notes = (
         f"{styles.range_text(cells)} frames a cell",
         f"locator: {grid.locator}",
-        "line: best luminance, bars: not distinguishable from it (95 %)",
+        "line: best luminance, small dots: not distinguishable from it (95 %)",
         "pale: no errors, limit",
     )
     title = "Bit error rate over ambient light and LED luminance"
@@ -151,18 +153,16 @@ def dimming_figure(grid: Grid, receivers: Sequence[str] = ()) -> Figure:
 
 
 def draw_best(axes: Axes, bests: Sequence[Best], rows: Sequence[float]) -> None:
-    """Draw the best luminances of a map, with bars over those not distinguishable from them."""
-    middle = np.array([np.searchsorted(rows, at.least_cd_m2).mean() for at in bests])
-    alike = [np.searchsorted(rows, at.candidates_cd_m2)[[0, -1]] for at in bests]
+    """Draw a line through the best luminances of a map, and dots where others are not distinguishable from them."""
+    look: dict[str, Any] = {"color": "white", "markeredgecolor": LOOK.ink}
     edge: list[AbstractPathEffect] = [withStroke(linewidth=2.8, foreground=LOOK.ink)]
-    drawn = axes.errorbar(
-        np.arange(len(bests)) + 0.08,
-        middle + 0.5,
-        np.abs(np.transpose(alike) - middle),
-        color="white",
-        marker="o",
-        markersize=5,
-        markeredgecolor=LOOK.ink,
-        path_effects=edge,
-    )
-    drawn.lines[2][0].set_path_effects(edge)
+    alike = [
+        (column, row)
+        for column, at in enumerate(bests)
+        for row in np.searchsorted(rows, at.candidates_cd_m2)
+    ]
+    x, y = np.transpose(alike)
+    axes.plot(x + 0.5, y + BEST_AT, "o", markersize=4.5, **look)
+    middle = np.array([np.searchsorted(rows, at.least_cd_m2).mean() for at in bests])
+    x = np.arange(len(bests)) + 0.5
+    axes.plot(x, middle + BEST_AT, "o-", markersize=8, path_effects=edge, **look)

@@ -37,6 +37,7 @@ class FigureLook:
     on: str = "#D55E00"  # On LEDs
     single_in: tuple[float, float] = (10.0, 6.2)  # a figure of one panel, inches
     panel_in: tuple[float, float] = (3.6, 3.0)  # a panel of several, inches
+    margin: float = 0.05  # beside the outermost values, as a share of a panel
     row_in: float = 0.3  # height of a row of intervals, inches
     sign_in: float = 2.6  # width of a column of the legend, inches
     title_letters: int = 34  # of a line above a panel
@@ -265,7 +266,9 @@ def draw_panel(axes: Axes, panel: Panel, labels: Sequence[str]) -> None:
         xlabel=panel.x_label,
         ylabel=panel.y_label,
     )
-    axes.margins(x=0.06)
+    # Half of the room that curves of one value take, as a share of the panel.
+    apart = (len(labels) - 1) / 2 * panel.spread_pt / (72 * LOOK.panel_in[0])
+    axes.margins(x=LOOK.margin + apart)
     for curve in panel.curves:
         place = labels.index(curve.style.label) - (len(labels) - 1) / 2
         draw_curve(axes, curve, place * panel.spread_pt)
