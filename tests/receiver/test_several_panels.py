@@ -10,7 +10,7 @@ from vocc_torch import PanelShape
 from vocc_torch.errors import VoccError
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import DetectorLocator, PaperLocator
-from vocc_torch.receiver.locators.touching import locate_several
+from vocc_torch.receiver.locators.second_looks import locate_several
 from vocc_torch.receiver.reader import Reader
 from vocc_torch.receiver.receiver import Receiver
 from vocc_torch.recordings.frames import RecordedFrame

@@ -19,7 +19,7 @@ from vocc_torch.receiver.classifiers.inputs import demand_features
 from vocc_torch.receiver.deciders import classifier_from, decider_of, model_of
 from vocc_torch.receiver.flda import FLDA
 from vocc_torch.receiver.locators import PanelLocator, locator_from, locator_settings
-from vocc_torch.receiver.locators.touching import locate_several
+from vocc_torch.receiver.locators.second_looks import locate_several
 from vocc_torch.receiver.model_file import UNFIT, Settings, read_model, write_model
 from vocc_torch.receiver.reader import Reader, Readings
 from vocc_torch.sources import package_digest

@@ -15,7 +15,7 @@ from vocc_torch.receiver.detector.placer import AXES, moved
 from vocc_torch.receiver.detector.weights import Networks
 from vocc_torch.receiver.locators import PanelLocator
 from vocc_torch.receiver.locators.detector import networks_of
-from vocc_torch.receiver.locators.touching import sure_of
+from vocc_torch.receiver.locators.second_looks import sure_of
 from vocc_torch.receiver.resample import cell_size_px
 from vocc_torch.types import Frames, PanelShape, StatedPanels
 

@@ -34,6 +34,7 @@ class DetectorSettings:
     least_pitch_px: float = 1.0  # of LEDs that can be told apart
     apart: float = 0.35  # share of a side: panels whose centres are nearer overlap
     surround_px: int = 32  # of a crop's surround that is seen
+    near_looks: int = 2  # of the placer at corners that are nearly known
 
 
 SETTINGS = DetectorSettings()
@@ -54,6 +55,23 @@ def detected(
     quads, odds = quads[seen], odds[seen]
     rows = apart(quads, odds)
     return quads[rows] + origin, odds[rows].double()
+
+
+def placed_near(
+    networks: Networks, frame: Frames, corners: Tensor, shape: PanelShape
+) -> tuple[Tensor, Tensor]:
+    """Correct corners (n,4,2) px of panels that are off by up to a cell in one frame.
+
+    Returns:
+        (n,4,2) corners and (n,) log odds, in the order of ``corners``.
+    """
+    grey, origin = with_surround(frame)
+    pyramid, quads = Pyramid.of(grey), corners - origin
+    for _ in range(SETTINGS.near_looks):
+        _, quads = placed(networks.placer, pyramid, quads, shape)
+        quads = flattened(quads, shape)
+    odds, quads = placed_in_views(networks.placer, pyramid, quads, shape)
+    return quads + origin, odds.double()
 
 
 def with_surround(frame: Frames) -> tuple[Tensor, Tensor]:

@@ -1,16 +1,17 @@
 """The detector as a locator: three small networks, with stated false alarms."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
+from torch import Tensor
 
 from vocc_torch.errors import VoccError, demand_kind, demand_word, finite_number
 from vocc_torch.files import file_digest
-from vocc_torch.receiver.detector.pipeline import detected
+from vocc_torch.receiver.detector.pipeline import detected, placed_near
 from vocc_torch.receiver.detector.weights import (
     ARITHMETICS,
     FLOAT32,
@@ -20,7 +21,13 @@ from vocc_torch.receiver.detector.weights import (
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.locators.paper import PaperLocator, exact_frames
 from vocc_torch.receiver.locators.protocol import PanelLocator
-from vocc_torch.types import Candidates, Images, PanelShape, without_autocast
+from vocc_torch.types import (
+    Candidates,
+    Frames,
+    Images,
+    PanelShape,
+    without_autocast,
+)
 
 PARTS_PER_PX = 1024.0
 """Corners are rounded to such parts of a pixel, for the same numbers on every machine."""
@@ -131,6 +138,29 @@ class DetectorLocator(PanelLocator):
                 or a panel so small that no false alarms are stated of it.
         """
         demand_kind("shape", shape, PanelShape)
+        found = self._each(frames, shape, detected)
+        own = self.weights is not None and self.false_alarms != math.inf
+        return found[found.score >= (0.5 if own else 0.0)]
+
+    def place(self, frame: Images, corners_px: Tensor, shape: PanelShape) -> Candidates:
+        """Correct corners (n,4,2) px of panels that are nearly known in one frame, and score them."""
+        if not len(corners_px):
+            return super().place(frame, corners_px, shape)
+
+        def look(
+            networks: Networks, one: Frames, shape: PanelShape
+        ) -> tuple[Tensor, Tensor]:
+            return placed_near(networks, one, corners_px.double(), shape)
+
+        return self._each(frame, shape, look)
+
+    def _each(
+        self,
+        frames: Images,
+        shape: PanelShape,
+        look: Callable[[Networks, Frames, PanelShape], tuple[Tensor, Tensor]],
+    ) -> Candidates:
+        """Look at frame by frame: what is found does not depend on how many come together."""
         exact = exact_frames(frames)
         device = exact.grey.device
         self.demand_shape(shape)
@@ -139,11 +169,8 @@ class DetectorLocator(PanelLocator):
         none = torch.zeros(0, dtype=torch.float64, device=device)
         found = [Candidates(none.long(), none.new_zeros(0, 4, 2), none, none)]
         with torch.inference_mode(), without_autocast(device):
-            # Frame by frame: what is found does not depend on how many come together.
             for number in range(len(exact) if exact.grey.numel() else 0):
-                quads, odds = detected(networks, exact[number : number + 1], shape)
-                if self.weights and self.false_alarms != math.inf:
-                    quads, odds = quads[odds >= 0], odds[odds >= 0]
+                quads, odds = look(networks, exact[number : number + 1], shape)
                 alarms = torch.full_like(odds, math.nan if self.weights else math.inf)
                 alarms = alarms if table is None else table.expected(odds)
                 corners = (quads * PARTS_PER_PX).round() / PARTS_PER_PX

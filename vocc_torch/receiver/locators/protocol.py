@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from torch import Tensor
+
 from vocc_torch.types import Candidates, Frames, Images, Panels, PanelShape
 
 if TYPE_CHECKING:
@@ -52,6 +54,14 @@ class PanelLocator(ABC):
                 its ``surround`` is the grey of all that is not in it.
             shape: rows and columns of the panel.
         """
+
+    def place(self, frame: Images, corners_px: Tensor, shape: PanelShape) -> Candidates:
+        """Correct corners (n,4,2) px of panels that are nearly known in one frame; only some locators can.
+
+        Returns:
+            A candidate for each, in their order; by default none.
+        """
+        return Candidates.of(corners_px[:0], corners_px[:0, 0, 0])
 
     def __call__(self, frames: Images, shape: PanelShape) -> Panels:
         """Take the best candidate of each frame; zero corners and score where there is none."""
