@@ -107,10 +107,11 @@ pool.render(pool.blocks_of(Path({str(tmp_path)!r}), 0, 1), Console())
         run.communicate(timeout=30)
 
 
-def test_clutter_is_rendered(tmp_path):
-    """Photographs and lattices: no part of a frame is of one grey value."""
+@pytest.mark.parametrize("scene", pool.OWN)
+def test_photographs_are_rendered(scene, tmp_path):
+    """No part of a frame is of one grey value."""
     clutter.copy_photographs(tmp_path / pool.PHOTOGRAPHS)
-    block = rendered(tmp_path, pool.CLUTTER, 0, 0)
+    block = rendered(tmp_path, scene, 0, 0)
     parts = block["grey"].reshape(2, 4, 60, 4, 80).std(axis=(2, 4))
     assert (parts > 0.5).all()
     assert not block["corners"].any()

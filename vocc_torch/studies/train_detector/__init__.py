@@ -13,7 +13,7 @@ class TrainDetectorConfig:
     """How long the detector's networks are trained.
 
     Args:
-        rounds: rounds of 768 rendered frames of streets, clutter and a plain scene, at least 1.
+        rounds: rounds of 1008 rendered frames of streets, clutter, photographs and a plain scene, at least 1.
         scout_steps: steps of the scout's training, at least 1.
         judge_steps: steps of the judge's training, at least 1.
         placer_steps: steps of the placer's training, at least 1.

@@ -69,10 +69,10 @@ ABSENT = "+scene.effects.panel_absent={}"
 PHOTOGRAPHS = "photographs"
 """Folder of the photographs, beside the blocks."""
 
-CLUTTER = "clutter"
-"""The scene of ``clutter.yaml``."""
+OWN = ("clutter", "photographs")
+"""Scenes of files in this folder."""
 
-SCENES = ("street", "street_night", CLUTTER)
+SCENES = ("street", "street_night", *OWN)
 PLAIN = ("paper", "fog", "tunnel", "night", "low_sun")
 """Scenes of which in each round one has a block."""
 
@@ -139,8 +139,8 @@ def render_block(block: PoolBlock) -> None:
         *changes,
     )
     scene: Any = block.scene
-    if scene == CLUTTER:
-        scene = read_yaml(Path(__file__).with_name("clutter.yaml"))
+    if scene in OWN:
+        scene = read_yaml(Path(__file__).with_name(f"{scene}.yaml"))
         photographs = block.path.parent / PHOTOGRAPHS
         scene["effects"]["backdrop"]["folder"] = str(photographs)
     world = replace(load_scene(scene, *overrides), framing="filled", device="cpu")
