@@ -1,4 +1,4 @@
-"""Second looks at frames in which a locator finds too few panels: at another scale, and beside panels.
+"""Second looks at frames in which a locator finds too few panels: at other scales, and beside panels.
 
 Two panels that touch look like one lattice, which is cut in its middle.
 """
@@ -19,8 +19,8 @@ from vocc_torch.types import Candidates, Frames, PanelShape
 class SecondLookSettings:
     """How frames are seen again."""
 
-    scale: float = 0.75  # a pyramid of halvings shows other pitches then
-    looks: float = 2.0  # false alarms are those of so many looks
+    # Thirds of an octave: a pyramid of halvings shows other pitches then.
+    scales: tuple[float, ...] = (2 ** (-1 / 3), 2 ** (-2 / 3))
     gaps: tuple[float, ...] = (0.0, 1.0)  # cells between a panel and one beside it
     together: float = 0.3  # cells that a half of a pair without a gap moves at most
     likely: float = 0.5  # least score of a panel beside another
@@ -43,9 +43,10 @@ def locate_several(
         most: panels of a frame.
     """
     found = locator.locate(frames, shape)
-    if len(again := _with_fewer(found, locator, len(frames), 1)):
-        more = scaled(locator, frames[again], shape)
-        found = _joined([found, replace(more, frame=again[more.frame])])
+    for scale in SETTINGS.scales:
+        if len(again := _with_fewer(found, locator, len(frames), 1)):
+            more = scaled(locator, frames[again], shape, scale)
+            found = _joined([found, replace(more, frame=again[more.frame])])
     for number in _with_fewer(found, locator, len(frames), most).tolist():
         if most > 1:
             sure = sure_of(found[found.frame == number], locator)
@@ -56,17 +57,19 @@ def locate_several(
     return found
 
 
-def scaled(locator: PanelLocator, frames: Frames, shape: PanelShape) -> Candidates:
-    """Locate panels at another scale."""
+def scaled(
+    locator: PanelLocator, frames: Frames, shape: PanelShape, scale: float
+) -> Candidates:
+    """Locate panels at another scale; the false alarms stated are those of all looks."""
     before = frames.grey.shape[:1:-1]
-    size = [max(1, round(SETTINGS.scale * side)) for side in before]
+    size = [max(1, round(scale * side)) for side in before]
     grey = functional.interpolate(
         frames.grey.float(), size[::-1], mode="bilinear", antialias=True
     )
     found = locator.locate(Frames.whole(grey.round().byte()), shape)
-    scale = found.corners_px.new_tensor(before) / found.corners_px.new_tensor(size)
-    corners = found.corners_px * scale + frames.origin_px[found.frame][:, None]
-    alarms = found.false_alarms * SETTINGS.looks
+    ratio = found.corners_px.new_tensor(before) / found.corners_px.new_tensor(size)
+    corners = found.corners_px * ratio + frames.origin_px[found.frame][:, None]
+    alarms = found.false_alarms * (1 + len(SETTINGS.scales))
     return replace(found, corners_px=corners, false_alarms=alarms)
 
 

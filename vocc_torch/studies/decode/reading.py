@@ -169,7 +169,7 @@ def read_panels(
                 read = receiver(
                     images[torch.tensor(whose)], followed.to(receiver.device)
                 )
-        elif receiver.locator and receiver.locator.finds_several:
+        elif most > 1 or (batch[0].time_s is None and receiver.locator.finds_several):
             whose, read = receiver.decode_several(images, most)
         else:
             read = receiver.decode(images)
