@@ -102,6 +102,8 @@ def unknown_key(key: str, keys: Mapping[str, Any]) -> str:
         >>> from vocc_torch.measure.config import WorldSettings
         >>> unknown_key("camera.gama", keys_of(WorldSettings))
         'camera.gama is not a known key: did you mean camera.gamma?'
+        >>> unknown_key("rows", keys_of(WorldSettings))
+        'rows is not a known key: did you mean panel.rows?'
     """
     mappings = [name for name, kind in keys.items() if get_origin(kind) is dict]
     parent = next((name for name in mappings if key.startswith(f"{name}.")), None)
@@ -110,7 +112,15 @@ def unknown_key(key: str, keys: Mapping[str, Any]) -> str:
     section, point, name = key.partition(".")
     if section in RENAMED:
         return f"{key} is not a known key: it is {RENAMED[section]}{point}{name} now"
-    near = difflib.get_close_matches(key, keys, n=1)
+    last = key.rpartition(".")[2]
+    same = [known for known in keys if known.rpartition(".")[2] == last]
+    # A slip of a letter, the same name in another section, or what is spelled alike.
+    tries = (keys, 0.9), (same, 0.0), (keys, 0.6)
+    near = [
+        one
+        for names, least in tries
+        for one in difflib.get_close_matches(key, names, 1, least)
+    ]
     hint = f"did you mean {near[0]}?" if near else "vocc-torch --help lists the keys"
     return f"{key} is not a known key: {hint}"
 
