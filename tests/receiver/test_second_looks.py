@@ -11,7 +11,7 @@ from skimage import data
 
 from vocc_torch import PanelShape
 from vocc_torch.receiver.locators import DetectorLocator, PanelLocator
-from vocc_torch.receiver.locators.second_looks import locate_several
+from vocc_torch.receiver.locators.second_looks import locate_several, new, scaled
 from vocc_torch.types import Candidates, Frames
 
 SHAPE = PanelShape(4, 4)
@@ -74,7 +74,7 @@ def test_only_frames_without_a_sure_panel_are_seen_again(frames):
     whose, panels = found.panels(3, 1e-2)
     assert whose.tolist() == [0, 1, 2]
     assert panels.found.tolist() == [True] * 3
-    assert panels.false_alarms.tolist() == [1e-3, 3e-3, 3e-3]
+    assert panels.false_alarms.tolist() == [1e-3, 1e-2, 1e-2]
     # In a smaller frame an edge is known to a pixel.
     truth = torch.tensor([[[40, 20], [68, 48]], [[60, 32], [96, 68]]])
     assert (panels.corners_px[1:, ::2] - truth).abs().max() < 1.6
@@ -91,6 +91,29 @@ def test_a_crops_panel_lies_where_it_lies_on_the_sensor(frames):
 def test_frames_of_a_pixel_are_seen(frames):
     tiny = Frames.whole(torch.full((1, 1, 1), 200, dtype=torch.uint8))
     assert len(locate_several(Bright(0), tiny, SHAPE, 1).frame) == 3
+
+
+def test_frames_without_a_pixel_show_nothing():
+    none = Frames.whole(torch.zeros(2, 0, 5, dtype=torch.uint8))
+    assert len(locate_several(DetectorLocator(), none, SHAPE, 2).frame) == 0
+
+
+def test_floating_grey_values_are_cut_as_in_the_first_look(frames):
+    """A value of 300 is white, as a byte it would be 44."""
+    bright = Frames.whole(1.5 * frames.grey.float())
+    corners = [scaled(Bright(), one, SHAPE, 0.5).corners_px for one in (frames, bright)]
+    assert (corners[0] - corners[1]).abs().max() <= 2
+
+
+def test_without_stated_false_alarms_the_higher_score_is_kept():
+    """Of two candidates for one place."""
+    corners = torch.tensor([[0.0, 0.0], [32, 0], [32, 8], [0, 8]]).double()
+    quads = torch.stack([corners, corners + 1, corners + torch.tensor([0.0, 8.0])])
+    score = torch.tensor([0.6, 0.9, 0.7]).double()
+    found = Candidates.of(quads, score)
+    found = Candidates(0 * found.frame, quads, score, found.false_alarms)
+    assert new(found, found[:0]).score.tolist() == [0.9, 0.7]
+    assert new(found, found[:1]).score.tolist() == [0.7]
 
 
 def drawn(photograph, pitch, count, gap, seed):

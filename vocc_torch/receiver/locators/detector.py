@@ -20,7 +20,7 @@ from vocc_torch.receiver.detector.weights import (
 )
 from vocc_torch.receiver.false_alarms import calibrated, demand_stated
 from vocc_torch.receiver.locators.paper import PaperLocator, exact_frames
-from vocc_torch.receiver.locators.protocol import PanelLocator
+from vocc_torch.receiver.locators.protocol import PARTS_PER_PX, PanelLocator
 from vocc_torch.types import (
     Candidates,
     Frames,
@@ -28,9 +28,6 @@ from vocc_torch.types import (
     PanelShape,
     without_autocast,
 )
-
-PARTS_PER_PX = 1024.0
-"""Corners are rounded to such parts of a pixel, for the same numbers on every machine."""
 
 
 @dataclass(frozen=True)

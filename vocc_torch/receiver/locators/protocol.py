@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from vocc_torch.receiver.locators.paper import PaperLocator
 
 
+PARTS_PER_PX = 1024.0
+"""Corners are rounded to such parts of a pixel, for the same numbers on every machine."""
+
+
 class PanelLocator(ABC):
     """Find panels in frames; a subclass is a frozen dataclass of its settings and has :meth:`locate`.
 

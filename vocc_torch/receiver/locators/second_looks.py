@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from vocc_torch.receiver.locators.protocol import PanelLocator
+from vocc_torch.receiver.locators.paper import exact_frames
+from vocc_torch.receiver.locators.protocol import PARTS_PER_PX, PanelLocator
 from vocc_torch.receiver.resample import corner_cells, map_points
 from vocc_torch.types import Candidates, Frames, PanelShape
 
@@ -21,11 +22,12 @@ class SecondLookSettings:
 
     # Thirds of an octave: a pyramid of halvings shows other pitches then.
     scales: tuple[float, ...] = (2 ** (-1 / 3), 2 ** (-2 / 3))
+    # Times the false alarms of a first look, so that all looks together have few more.
+    alarms: float = 10.0
     gaps: tuple[float, ...] = (0.0, 1.0)  # cells between a panel and one beside it
-    together: float = 0.3  # cells that a half of a pair without a gap moves at most
+    most_leds: int = 1024  # along a side of a pair
     likely: float = 0.5  # least score of a panel beside another
-    # Panels whose centres are nearer than this share of a diagonal are one.
-    apart: float = 0.35
+    apart: float = 0.5  # sides; panels whose centres are nearer are one
 
 
 SETTINGS = SecondLookSettings()
@@ -43,6 +45,8 @@ def locate_several(
         most: panels of a frame.
     """
     found = locator.locate(frames, shape)
+    if not frames.grey.numel():
+        return found
     for scale in SETTINGS.scales:
         if len(again := _with_fewer(found, locator, len(frames), 1)):
             more = scaled(locator, frames[again], shape, scale)
@@ -60,16 +64,19 @@ def locate_several(
 def scaled(
     locator: PanelLocator, frames: Frames, shape: PanelShape, scale: float
 ) -> Candidates:
-    """Locate panels at another scale; the false alarms stated are those of all looks."""
-    before = frames.grey.shape[:1:-1]
+    """Locate panels in smaller frames."""
+    grey = exact_frames(frames).grey
+    before = grey.shape[:1:-1]
     size = [max(1, round(scale * side)) for side in before]
     grey = functional.interpolate(
-        frames.grey.float(), size[::-1], mode="bilinear", antialias=True
+        grey.double(), size[::-1], mode="bilinear", antialias=True
     )
-    found = locator.locate(Frames.whole(grey.round().byte()), shape)
+    smaller = replace(Frames.whole(grey.round().byte()), surround=frames.surround)
+    found = locator.locate(smaller, shape)
     ratio = found.corners_px.new_tensor(before) / found.corners_px.new_tensor(size)
     corners = found.corners_px * ratio + frames.origin_px[found.frame][:, None]
-    alarms = found.false_alarms * (1 + len(SETTINGS.scales))
+    corners = (corners * PARTS_PER_PX).round() / PARTS_PER_PX
+    alarms = found.false_alarms * SETTINGS.alarms
     return replace(found, corners_px=corners, false_alarms=alarms)
 
 
@@ -79,12 +86,12 @@ def touching(
     """Find panels of one frame beside those that are sure, and pairs of panels that touch, up to ``most`` in all."""
     known, chain = sure, sure
     while len(chain.frame) and len(known.frame) < most:
-        starts = beside(chain.corners_px, shape)
+        starts = within(frame, beside(chain.corners_px, shape))
         placed = sure_of(locator.place(frame, starts, shape), locator)
         chain = new(placed[placed.score >= SETTINGS.likely], known)
         known = Candidates.cat([known, chain])
     for across, down in ((1, 0), (0, 1)):
-        if len(known.frame) < most:
+        if len(known.frame) < most and 2 * max(shape.sides) < SETTINGS.most_leds:
             halves = halves_of(locator, frame, shape, across, down)
             known = Candidates.cat([known, new(halves, known)])
     return known[len(sure.frame) :]
@@ -110,7 +117,8 @@ def halves_of(
     placed = [locator.place(frame, pairs.corners_px, cells) for cells in (close, wide)]
     apart = torch.zeros_like(pairs.frame, dtype=torch.bool)
     if len(placed[1].frame):
-        apart = placed[1].score > placed[0].score
+        likelier = placed[1].score > placed[0].score
+        apart = likelier & ~(placed[1].false_alarms > locator.most_false_alarms)
     halves = [pairs[:0]]
     for found, cells, step in (
         (pairs[~apart], close, steps[0]),
@@ -128,6 +136,14 @@ def beside(corners_px: Tensor, shape: PanelShape) -> Tensor:
     ways = torch.cat([sides, -sides]).to(corners_px)
     steps = [way + gap * way.sign() for gap in SETTINGS.gaps for way in ways]
     return steps_of(corners_px, shape, shape, steps)
+
+
+def within(frame: Frames, corners_px: Tensor) -> Tensor:
+    """Take the quadrilaterals (n,4,2) px that lie in a frame as a whole."""
+    first = frame.origin_px[0]
+    size = first.new_tensor(frame.grey.shape[:1:-1])
+    inside = (corners_px >= first) & (corners_px <= first + size)
+    return corners_px[inside.all(2).all(1)]
 
 
 def steps_of(
@@ -149,14 +165,31 @@ def sure_of(found: Candidates, locator: PanelLocator) -> Candidates:
 
 def new(found: Candidates, known: Candidates) -> Candidates:
     """Take the candidates of one frame, the best first, that are at no known place and at no better one's."""
-    taken = known
-    for row in found.false_alarms.argsort(stable=True).tolist():
+    taken, found = known, _joined([found])
+    for row in range(len(found.frame)):
         one = found[row : row + 1]
-        diagonal = (one.corners_px[:, 0] - one.corners_px[:, 2]).norm()
-        apart = torch.cdist(one.corners_px.mean(1), taken.corners_px.mean(1))
-        if not (apart < SETTINGS.apart * diagonal).any():
+        if not same_place(one.corners_px[0], taken.corners_px).any():
             taken = Candidates.cat([taken, one])
     return taken[len(known.frame) :]
+
+
+def same_place(quad: Tensor, others: Tensor) -> Tensor:
+    """Say which quadrilaterals (n,4,2) px have their centres within half a side of that of one (4,2) px.
+
+    Example:
+        >>> wide = torch.tensor([[0.0, 0.0], [32.0, 0.0], [32.0, 8.0], [0.0, 8.0]])
+        >>> same_place(wide, torch.stack([wide + 3.0, wide + torch.tensor([0.0, 8.0])])).tolist()
+        [True, False]
+    """
+    across, down = (
+        quad[1] + quad[2] - quad[0] - quad[3],
+        quad[2] + quad[3] - quad[0] - quad[1],
+    )
+    sides = torch.stack([across, down], 1) / 2
+    inverse, _ = torch.linalg.inv_ex(sides)
+    off = inverse @ (others.mean(1) - quad.mean(0)).mT
+    same: Tensor = (off.abs() < SETTINGS.apart).all(0)
+    return same
 
 
 def _with_fewer(
@@ -170,5 +203,6 @@ def _with_fewer(
 def _joined(parts: list[Candidates]) -> Candidates:
     """Join candidates in the frames' order, the best of each first."""
     found = Candidates.cat(parts)
+    found = found[found.score.argsort(descending=True, stable=True)]
     found = found[found.false_alarms.argsort(stable=True)]
     return found[found.frame.argsort(stable=True)]
