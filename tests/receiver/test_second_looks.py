@@ -107,13 +107,15 @@ def test_floating_grey_values_are_cut_as_in_the_first_look(frames):
 
 def test_without_stated_false_alarms_the_higher_score_is_kept():
     """Of two candidates for one place."""
+    wide = PanelShape(8, 32)
     corners = torch.tensor([[0.0, 0.0], [32, 0], [32, 8], [0, 8]]).double()
-    quads = torch.stack([corners, corners + 1, corners + torch.tensor([0.0, 8.0])])
-    score = torch.tensor([0.6, 0.9, 0.7]).double()
+    moves = torch.tensor([[0.0, 0.0], [1.0, 0.0], [0.0, 8.0]]).double()
+    quads = corners + moves[:, None]
+    score = torch.tensor([0.5, 0.75, 0.625]).double()
     found = Candidates.of(quads, score)
     found = Candidates(0 * found.frame, quads, score, found.false_alarms)
-    assert new(found, found[:0]).score.tolist() == [0.9, 0.7]
-    assert new(found, found[:1]).score.tolist() == [0.7]
+    assert new(found, found[:0], wide).score.tolist() == [0.75, 0.625]
+    assert new(found, found[:1], wide).score.tolist() == [0.625]
 
 
 def drawn(photograph, pitch, count, gap, seed):
@@ -150,16 +152,18 @@ def drawn(photograph, pitch, count, gap, seed):
 PHOTOGRAPHS = (data.coffee, data.chelsea, data.astronaut, data.rocket)
 
 
-@pytest.mark.parametrize("gap", [0.0, 0.5, 1.0])
-def test_panels_side_by_side_are_two(gap):
+@pytest.mark.parametrize(
+    ("count", "gap"), [(2, 0.0), (2, 0.5), (2, 1.0), (3, 0.0), (3, 1.0)]
+)
+def test_panels_side_by_side_are_found(count, gap):
     right = 0
     for seed, photograph in enumerate(2 * PHOTOGRAPHS):
-        grey, truth = drawn(photograph(), 6 + seed, 2, gap, seed)
+        grey, truth = drawn(photograph(), 6 + seed, count, gap, seed)
         found = locate_several(
-            DetectorLocator(), Frames.whole(grey), PanelShape(8, 8), 2
+            DetectorLocator(), Frames.whole(grey), PanelShape(8, 8), count
         )
-        _, panels = found.panels(1, 1e-2, 2)
+        _, panels = found.panels(1, 1e-2, count)
         places = panels.corners_px[panels.found].numpy()
         off = np.abs(places[:, None].mean(2) - truth.mean(1)).max(2)
-        right += len(places) == 2 and bool((off.min(0) < 0.25 * (6 + seed)).all())
+        right += len(places) == count and bool((off.min(0) < 0.25 * (6 + seed)).all())
     assert right >= 7

@@ -1,6 +1,6 @@
-"""Second looks at frames in which a locator finds too few panels: at other scales, and beside panels.
+"""Second looks at frames in which a locator finds too few panels: at other scales, beside panels, and for rows.
 
-Two panels that touch look like one lattice, which is cut in its middle.
+Panels that touch look like one lattice, which is cut apart.
 """
 
 from collections.abc import Sequence
@@ -25,12 +25,15 @@ class SecondLookSettings:
     # Times the false alarms of a first look, so that all looks together have few more.
     alarms: float = 10.0
     gaps: tuple[float, ...] = (0.0, 1.0)  # cells between a panel and one beside it
-    most_leds: int = 1024  # along a side of a pair
+    most_in_row: int = 4  # panels that are seen as one lattice
     likely: float = 0.5  # least score of a panel beside another
-    apart: float = 0.5  # sides; panels whose centres are nearer are one
+    overlap: float = 0.5  # cells; panels that overlap by more are one
 
 
 SETTINGS = SecondLookSettings()
+
+MOST_LEDS = 1024
+"""Along a side of a lattice."""
 
 
 def locate_several(
@@ -83,51 +86,61 @@ def scaled(
 def touching(
     locator: PanelLocator, frame: Frames, shape: PanelShape, most: int, sure: Candidates
 ) -> Candidates:
-    """Find panels of one frame beside those that are sure, and pairs of panels that touch, up to ``most`` in all."""
+    """Find panels of one frame beside those that are sure, and rows of panels that touch, up to ``most`` in all."""
     known, chain = sure, sure
     while len(chain.frame) and len(known.frame) < most:
         starts = within(frame, beside(chain.corners_px, shape))
         placed = sure_of(locator.place(frame, starts, shape), locator)
-        chain = new(placed[placed.score >= SETTINGS.likely], known)
+        chain = new(placed[placed.score >= SETTINGS.likely], known, shape)
         known = Candidates.cat([known, chain])
-    for across, down in ((1, 0), (0, 1)):
-        if len(known.frame) < most and 2 * max(shape.sides) < SETTINGS.most_leds:
-            halves = halves_of(locator, frame, shape, across, down)
-            known = Candidates.cat([known, new(halves, known)])
+    for count in range(min(most, SETTINGS.most_in_row), 1, -1):
+        for across, down in ((1, 0), (0, 1)):
+            if len(known.frame) < most and count * max(shape.sides) < MOST_LEDS:
+                row = row_of(locator, frame, shape, count, across, down)
+                known = Candidates.cat([known, new(row, known, shape)])
     return known[len(sure.frame) :]
 
 
-def halves_of(
-    locator: PanelLocator, frame: Frames, shape: PanelShape, across: int, down: int
+def row_of(
+    locator: PanelLocator,
+    frame: Frames,
+    shape: PanelShape,
+    count: int,
+    across: int,
+    down: int,
 ) -> Candidates:
-    """Locate pairs of panels, one beside or below the other, and cut them apart.
+    """Locate rows of panels as one lattice, and cut them apart.
 
     Args:
         locator: finds several panels.
         frame: one frame.
         shape: rows and columns of a panel.
-        across: 1 for pairs side by side, else 0.
-        down: 1 for pairs one below the other, else 0.
+        count: panels in a row.
+        across: 1 for panels side by side, else 0.
+        down: 1 for panels one below the other, else 0.
     """
     rows, columns = shape.sides
-    # Without a gap, and with one of a cell.
+    # Without gaps, and with gaps of a cell.
     steps = [(across * (columns + gap), down * (rows + gap)) for gap in (0, 1)]
-    close, wide = (PanelShape(rows + y, columns + x) for x, y in steps)
-    pairs = sure_of(locator.locate(frame, close), locator)
-    placed = [locator.place(frame, pairs.corners_px, cells) for cells in (close, wide)]
-    apart = torch.zeros_like(pairs.frame, dtype=torch.bool)
+    close, wide = (
+        PanelShape(rows + (count - 1) * y, columns + (count - 1) * x) for x, y in steps
+    )
+    found = sure_of(locator.locate(frame, close), locator)
+    placed = [locator.place(frame, found.corners_px, cells) for cells in (close, wide)]
+    apart = torch.zeros_like(found.frame, dtype=torch.bool)
     if len(placed[1].frame):
         likelier = placed[1].score > placed[0].score
         apart = likelier & ~(placed[1].false_alarms > locator.most_false_alarms)
-    halves = [pairs[:0]]
-    for found, cells, step in (
-        (pairs[~apart], close, steps[0]),
+    parts = [found[:0]]
+    for lattices, cells, step in (
+        (found[~apart], close, steps[0]),
         (placed[1][apart[: len(placed[1].frame)]], wide, steps[1]),
     ):
-        moves = [found.corners_px.new_tensor(move) for move in ((0, 0), step)]
-        corners = steps_of(found.corners_px, cells, shape, moves)
-        halves.append(replace(Candidates.cat([found, found]), corners_px=corners))
-    return Candidates.cat(halves)
+        step_cells = lattices.corners_px.new_tensor(step)
+        moves = [number * step_cells for number in range(count)]
+        corners = steps_of(lattices.corners_px, cells, shape, moves)
+        parts.append(replace(Candidates.cat([lattices] * count), corners_px=corners))
+    return Candidates.cat(parts)
 
 
 def beside(corners_px: Tensor, shape: PanelShape) -> Tensor:
@@ -163,33 +176,33 @@ def sure_of(found: Candidates, locator: PanelLocator) -> Candidates:
     return found[~(found.false_alarms > locator.most_false_alarms)]
 
 
-def new(found: Candidates, known: Candidates) -> Candidates:
+def new(found: Candidates, known: Candidates, shape: PanelShape) -> Candidates:
     """Take the candidates of one frame, the best first, that are at no known place and at no better one's."""
     taken, found = known, _joined([found])
     for row in range(len(found.frame)):
         one = found[row : row + 1]
-        if not same_place(one.corners_px[0], taken.corners_px).any():
+        if not overlap(one.corners_px[0], taken.corners_px, shape).any():
             taken = Candidates.cat([taken, one])
     return taken[len(known.frame) :]
 
 
-def same_place(quad: Tensor, others: Tensor) -> Tensor:
-    """Say which quadrilaterals (n,4,2) px have their centres within half a side of that of one (4,2) px.
+def overlap(quad: Tensor, others: Tensor, shape: PanelShape) -> Tensor:
+    """Say which panels (n,4,2) px overlap one (4,2) px.
 
     Example:
         >>> wide = torch.tensor([[0.0, 0.0], [32.0, 0.0], [32.0, 8.0], [0.0, 8.0]])
-        >>> same_place(wide, torch.stack([wide + 3.0, wide + torch.tensor([0.0, 8.0])])).tolist()
+        >>> moved = torch.stack([wide + torch.tensor([31.0, 0.0]), wide + torch.tensor([0.0, 8.0])])
+        >>> overlap(wide, moved, PanelShape(8, 32)).tolist()
         [True, False]
     """
-    across, down = (
-        quad[1] + quad[2] - quad[0] - quad[3],
-        quad[2] + quad[3] - quad[0] - quad[1],
-    )
-    sides = torch.stack([across, down], 1) / 2
-    inverse, _ = torch.linalg.inv_ex(sides)
-    off = inverse @ (others.mean(1) - quad.mean(0)).mT
-    same: Tensor = (off.abs() < SETTINGS.apart).all(0)
-    return same
+    across = quad[1] + quad[2] - quad[0] - quad[3]
+    down = quad[2] + quad[3] - quad[0] - quad[1]
+    inverse, _ = torch.linalg.inv_ex(torch.stack([across, down], 1) / 2)
+    off = (inverse @ (others.mean(1) - quad.mean(0)).mT).abs()
+    rows, columns = shape.sides
+    near = off < 1 - SETTINGS.overlap / off.new_tensor([[columns], [rows]])
+    both: Tensor = near.all(0)
+    return both
 
 
 def _with_fewer(

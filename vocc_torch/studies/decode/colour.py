@@ -102,7 +102,9 @@ class Trial(NamedTuple):
     read: Decoded
 
 
-def channel_of(receiver: Receiver, colours: Sequence[Bytes]) -> Trial | None:
+def channel_of(
+    receiver: Receiver, colours: Sequence[Bytes], most: int = 1
+) -> Trial | None:
     """Find the plane in which a receiver parts On from Off best; None where the frames are grey.
 
     Every plane of :data:`FIXED` is located and decoded. At the panels of the best one, mixes by
@@ -113,10 +115,11 @@ def channel_of(receiver: Receiver, colours: Sequence[Bytes]) -> Trial | None:
     Args:
         receiver: locates and decides.
         colours: frames (H,W,3) uint8 of one size.
+        most: panels of a frame, at most; the best one counts.
     """
     if all((colour == colour[..., :1]).all() for colour in colours):
         return None
-    trials = [_tried(receiver, mix, colours) for mix in FIXED]
+    trials = [_tried(receiver, mix, colours, most) for mix in FIXED]
     read = _best(trials, receiver.shape).read
     cells = _cells(receiver, np.stack(colours), read.panels)
     bits = read.bits[read.found]
@@ -126,7 +129,7 @@ def channel_of(receiver: Receiver, colours: Sequence[Bytes]) -> Trial | None:
         fisher_mix("On against Off and surround", cells, on),
     ):
         if mix is not None:
-            trials.append(_tried(receiver, mix, colours))
+            trials.append(_tried(receiver, mix, colours, most))
     return _best(trials, receiver.shape)
 
 
@@ -152,9 +155,17 @@ def _plane(receiver: Receiver, mix: Mix, colours: Sequence[Bytes]) -> torch.Tens
     return torch.from_numpy(planes).to(receiver.device)
 
 
-def _tried(receiver: Receiver, mix: Mix, colours: Sequence[Bytes]) -> Trial:
-    """Decode a mix of colours of one size."""
-    read = receiver.decode(_plane(receiver, mix, colours))
+def _tried(
+    receiver: Receiver, mix: Mix, colours: Sequence[Bytes], most: int = 1
+) -> Trial:
+    """Decode a mix of colours of one size: the best panel of each, of up to ``most``."""
+    plane = _plane(receiver, mix, colours)
+    if receiver.locator.finds_several:
+        whose, several = receiver.decode_several(plane, most)
+        first = torch.tensor([whose.index(number) for number in range(len(plane))])
+        read = Decoded(*(batch[first] for batch in several))
+    else:
+        read = receiver.decode(plane)
     apart = torch.where(read.found, parted(read.scores, read.bits), 0.0)
     sure = int((read.found & ~is_doubtful(read)).sum())
     return Trial(sure, float(apart.mean()), mix, read)

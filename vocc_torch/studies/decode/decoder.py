@@ -204,7 +204,9 @@ def readings_of(
     Raises:
         VoccError: colours that cannot be separated, or several panels of a locator that sees one.
     """
-    recording, text, lights = in_channel(receiver, recording, config.channel)
+    recording, text, lights = in_channel(
+        receiver, recording, config.channel, config.most
+    )
     follow = config.follow or str(is_live).lower()
     at_once = 1 if is_live else 64
     found = read_panels(receiver, recording, config.most, follow, lights, at_once)
@@ -228,7 +230,10 @@ def with_arithmetic(
 
 
 def in_channel(
-    receiver: Receiver, recording: Iterator[RecordedFrame], channel: str
+    receiver: Receiver,
+    recording: Iterator[RecordedFrame],
+    channel: str,
+    most: int = 1,
 ) -> tuple[Iterator[RecordedFrame], str, tuple[Mix, ...]]:
     """Choose the grey plane, or the planes of several colours, by the first frames where that is asked for.
 
@@ -247,7 +252,7 @@ def in_channel(
             rule = f"auto, or one channel: {frames} show no panel on which three colours differ"
             raise VoccError.of("decode.channel", "unmix", rule)
         text = f"{'; '.join(map(str, mixes))}, of linear light; located in {mix.name}"
-    elif (best := channel_of(receiver, shown)) is None:
+    elif (best := channel_of(receiver, shown, most)) is None:
         text = f"{mix}, for {frames} are grey"
     else:
         mix = best.mix
