@@ -1,6 +1,7 @@
 """Warnings of decoding separate readings with wrong bits from right ones."""
 
 from collections import Counter
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -10,6 +11,17 @@ from vocc_torch.receiver.shipped import shipped_receiver
 from vocc_torch.studies.decode.judge import is_doubtful, is_one_level
 
 SCENES = "paper", "fog", "highway", "dashcam", "tunnel", "low_sun"
+
+
+def test_a_reading_with_an_led_on_the_threshold_is_doubtful():
+    """However far On and Off lie apart."""
+    scores = torch.tensor([1.0, -1.0]).repeat(2, 32).view(2, 8, 8).double()
+    scores[1, 0, 0] = 0.01
+    sure = torch.ones(2).double()
+    read = SimpleNamespace(
+        scores=scores, bits=scores >= 0, panel_score=sure, false_alarms=0 * sure
+    )
+    assert is_doubtful(read).tolist() == [False, True]
 
 
 @pytest.mark.slow
