@@ -10,6 +10,13 @@ from vocc_torch.errors import VoccError
 from vocc_torch.measure.pools import about_run, called
 
 
+@pytest.fixture(autouse=True)
+def no_files(monkeypatch):
+    """Files that other tests have run, and changed, do not go along."""
+    for name in ("READ", "COPIES", "EXPECTED"):
+        monkeypatch.setattr(plugins, name, {})
+
+
 def test_a_node_of_another_release_is_refused_by_its_name():
     expected, files = pickle.loads(about_run("ray"))
     other = pickle.dumps((expected.replace("torch ", "torch 9"), files))
@@ -48,8 +55,6 @@ def test_an_error_of_a_call_comes_back_as_a_value(kind, arrived):
 
 def test_the_users_files_go_along_to_another_machine(tmp_path, monkeypatch):
     """With what they import from beside them; there they are read from the copies."""
-    for name in ("READ", "COPIES", "EXPECTED"):
-        monkeypatch.setattr(plugins, name, type(getattr(plugins, name))())
     monkeypatch.setattr(sys, "path", list(sys.path))
     path = tmp_path / "mine_to_carry.py"
     monkeypatch.syspath_prepend(str(tmp_path))
