@@ -12,7 +12,7 @@ from vocc_torch.measure.pools import about_run, called
 
 @pytest.fixture(autouse=True)
 def no_files(monkeypatch):
-    """Files that other tests have run, and changed, do not go along."""
+    """Each test begins without the plug-in files that other tests have run."""
     for name in ("READ", "COPIES", "EXPECTED"):
         monkeypatch.setattr(plugins, name, {})
 

@@ -11,7 +11,7 @@ from skimage import data
 
 from vocc_torch import PanelShape
 from vocc_torch.receiver.locators import DetectorLocator, PanelLocator
-from vocc_torch.receiver.locators.second_looks import locate_several, new, scaled
+from vocc_torch.receiver.locators.second_looks import locate_several, new_panels, scaled
 from vocc_torch.types import Candidates, Frames
 
 SHAPE = PanelShape(4, 4)
@@ -98,6 +98,12 @@ def test_frames_without_a_pixel_show_nothing():
     assert len(locate_several(DetectorLocator(), none, SHAPE, 2).frame) == 0
 
 
+@pytest.mark.parametrize("columns", [255, 256, 341, 512])
+def test_rows_longer_than_a_panel_may_be_are_not_looked_for(columns, frames):
+    found = locate_several(Bright(0), frames[:1], PanelShape(4, columns), 4)
+    assert len(found.frame) == 3
+
+
 def test_floating_grey_values_are_cut_as_in_the_first_look(frames):
     """A value of 300 is white, as a byte it would be 44."""
     bright = Frames.whole(1.5 * frames.grey.float())
@@ -114,8 +120,8 @@ def test_without_stated_false_alarms_the_higher_score_is_kept():
     score = torch.tensor([0.5, 0.75, 0.625]).double()
     found = Candidates.of(quads, score)
     found = Candidates(0 * found.frame, quads, score, found.false_alarms)
-    assert new(found, found[:0], wide).score.tolist() == [0.75, 0.625]
-    assert new(found, found[:1], wide).score.tolist() == [0.625]
+    assert new_panels(found, found[:0], wide).score.tolist() == [0.75, 0.625]
+    assert new_panels(found, found[:1], wide).score.tolist() == [0.625]
 
 
 def drawn(photograph, pitch, count, gap, seed):
@@ -153,7 +159,7 @@ PHOTOGRAPHS = (data.coffee, data.chelsea, data.astronaut, data.rocket)
 
 
 @pytest.mark.parametrize(
-    ("count", "gap"), [(2, 0.0), (2, 0.5), (2, 1.0), (3, 0.0), (3, 1.0)]
+    ("count", "gap"), [(2, 0.0), (2, 0.5), (2, 1.0), (3, 0.0), (3, 1.0), (4, 1.0)]
 )
 def test_panels_side_by_side_are_found(count, gap):
     right = 0

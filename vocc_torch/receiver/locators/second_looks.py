@@ -1,6 +1,6 @@
-"""Second looks at frames in which a locator finds too few panels: at other scales, beside panels, and for rows.
+"""Second looks at frames in which a locator finds too few panels: at smaller sizes, beside panels, and at rows.
 
-Panels that touch look like one lattice, which is cut apart.
+A row of panels that touch looks like one lattice, which is cut apart.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,10 @@ from vocc_torch.types import Candidates, Frames, PanelShape
 class SecondLookSettings:
     """How frames are seen again."""
 
-    # Thirds of an octave: a pyramid of halvings shows other pitches then.
+    # Of smaller frames, thirds of an octave: their pyramids of halvings show other pitches.
     scales: tuple[float, ...] = (2 ** (-1 / 3), 2 ** (-2 / 3))
-    # Times the false alarms of a first look, so that all looks together have few more.
+    # Factor on the false alarms stated of a smaller frame, so that all looks together
+    # have at most 1.2 times the false alarms of one.
     alarms: float = 10.0
     gaps: tuple[float, ...] = (0.0, 1.0)  # cells between a panel and one beside it
     most_in_row: int = 4  # panels that are seen as one lattice
@@ -57,9 +58,9 @@ def locate_several(
     for number in _with_fewer(found, locator, len(frames), most).tolist():
         if most > 1:
             sure = sure_of(found[found.frame == number], locator)
+            sure = replace(sure, frame=0 * sure.frame)
             frame = frames[number : number + 1]
-            more = replace(sure, frame=0 * sure.frame)
-            more = touching(locator, frame, shape, most, more)
+            more = touching(locator, frame, shape, most, sure)
             found = _joined([found, replace(more, frame=more.frame + number)])
     return found
 
@@ -91,13 +92,14 @@ def touching(
     while len(chain.frame) and len(known.frame) < most:
         starts = within(frame, beside(chain.corners_px, shape))
         placed = sure_of(locator.place(frame, starts, shape), locator)
-        chain = new(placed[placed.score >= SETTINGS.likely], known, shape)
+        chain = new_panels(placed[placed.score >= SETTINGS.likely], known, shape)
         known = Candidates.cat([known, chain])
     for count in range(min(most, SETTINGS.most_in_row), 1, -1):
         for across, down in ((1, 0), (0, 1)):
-            if len(known.frame) < most and count * max(shape.sides) < MOST_LEDS:
+            longest = count * (max(shape.sides) + 1)
+            if len(known.frame) < most and longest <= MOST_LEDS:
                 row = row_of(locator, frame, shape, count, across, down)
-                known = Candidates.cat([known, new(row, known, shape)])
+                known = Candidates.cat([known, new_panels(row, known, shape)])
     return known[len(sure.frame) :]
 
 
@@ -126,19 +128,23 @@ def row_of(
         PanelShape(rows + (count - 1) * y, columns + (count - 1) * x) for x, y in steps
     )
     found = sure_of(locator.locate(frame, close), locator)
-    placed = [locator.place(frame, found.corners_px, cells) for cells in (close, wide)]
-    apart = torch.zeros_like(found.frame, dtype=torch.bool)
-    if len(placed[1].frame):
-        likelier = placed[1].score > placed[0].score
-        apart = likelier & ~(placed[1].false_alarms > locator.most_false_alarms)
+    without, spaced = (
+        locator.place(frame, found.corners_px, cells) for cells in (close, wide)
+    )
+    if len(spaced.frame):
+        apart = spaced.score > without.score
+        apart &= ~(spaced.false_alarms > locator.most_false_alarms)
+    else:
+        # The locator places nothing.
+        spaced, apart = found, torch.zeros_like(found.frame, dtype=torch.bool)
     parts = [found[:0]]
     for lattices, cells, step in (
         (found[~apart], close, steps[0]),
-        (placed[1][apart[: len(placed[1].frame)]], wide, steps[1]),
+        (spaced[apart], wide, steps[1]),
     ):
         step_cells = lattices.corners_px.new_tensor(step)
         moves = [number * step_cells for number in range(count)]
-        corners = steps_of(lattices.corners_px, cells, shape, moves)
+        corners = panels_at(lattices.corners_px, cells, shape, moves)
         parts.append(replace(Candidates.cat([lattices] * count), corners_px=corners))
     return Candidates.cat(parts)
 
@@ -148,7 +154,7 @@ def beside(corners_px: Tensor, shape: PanelShape) -> Tensor:
     sides = corner_cells(shape)[2].diag()
     ways = torch.cat([sides, -sides]).to(corners_px)
     steps = [way + gap * way.sign() for gap in SETTINGS.gaps for way in ways]
-    return steps_of(corners_px, shape, shape, steps)
+    return panels_at(corners_px, shape, shape, steps)
 
 
 def within(frame: Frames, corners_px: Tensor) -> Tensor:
@@ -159,7 +165,7 @@ def within(frame: Frames, corners_px: Tensor) -> Tensor:
     return corners_px[inside.all(2).all(1)]
 
 
-def steps_of(
+def panels_at(
     corners_px: Tensor, cells: PanelShape, shape: PanelShape, steps: Sequence[Tensor]
 ) -> Tensor:
     """Give the corners (m,4,2) px of panels that lie some cells (2,) from the first cells of lattices (n,4,2) px."""
@@ -176,7 +182,7 @@ def sure_of(found: Candidates, locator: PanelLocator) -> Candidates:
     return found[~(found.false_alarms > locator.most_false_alarms)]
 
 
-def new(found: Candidates, known: Candidates, shape: PanelShape) -> Candidates:
+def new_panels(found: Candidates, known: Candidates, shape: PanelShape) -> Candidates:
     """Take the candidates of one frame, the best first, that are at no known place and at no better one's."""
     taken, found = known, _joined([found])
     for row in range(len(found.frame)):

@@ -40,7 +40,10 @@ def is_one_level(read: Decoded) -> torch.Tensor:
 
 
 def is_doubtful(read: Decoded) -> torch.Tensor:
-    """Say which frames (B,) may hold no panel or be misread: a low score, or no gap between On and Off."""
+    """Say which frames (B,) may hold no panel or be misread.
+
+    The score is low, On and Off are not clearly apart, or one LED lies on the threshold.
+    """
     sure = read.scores.abs()
     closest, mean = sure.amin(dim=(1, 2)), sure.mean(dim=(1, 2))
     close = closest < LIMITS.margin * mean
